@@ -1,0 +1,19 @@
+"""Shape words, scalar kinds and the field helper shared by every module.
+
+Glossary of axis names in annotations: `frame camera height width face vertex bone dof particle joint`.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+Scalar = Float[Array, ""]
+
+
+def knob(default: float) -> Any:
+    """A hyper-parameter one may sweep: an array leaf, so that changing it, or `vmap`-ing over it, never recompiles."""
+    as_array: Callable[[Any], Array] = lambda value: jnp.asarray(value, dtype=jnp.float32)  # noqa: E731
+    return eqx.field(converter=as_array, default=default)
