@@ -1,0 +1,15 @@
+from ._face_ids import (
+    face_ids as face_ids,
+    inverse_depth_range as inverse_depth_range,
+    projection_matrices as projection_matrices,
+)
+from ._keys import WINDOW as WINDOW, KeyLayout as KeyLayout, crop as crop, empty_buffer as empty_buffer
+from ._windows import (
+    Jobs as Jobs,
+    draw as draw,
+    draw_scatter as draw_scatter,
+    expand as expand,
+    restore as restore,
+    to_screen as to_screen,
+    window_jobs as window_jobs,
+)

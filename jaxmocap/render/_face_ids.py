@@ -1,0 +1,72 @@
+"""Face numbers and inverse depth of a posed mesh in every view."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ._keys import KeyLayout, crop, empty_buffer
+from ._windows import draw, to_screen, window_jobs
+
+
+def projection_matrices(
+    intrinsics: Float[Array, "*camera 3 3"], cam_from_world: Float[Array, "*camera 4 4"]
+) -> Float[Array, "*camera 3 4"]:
+    """K [R | t] per view."""
+    return intrinsics @ cam_from_world[..., :3, :]
+
+
+def inverse_depth_range(
+    vertices: Float[Array, "vertex 3"], cam_from_world: Float[Array, "4 4"], slack: float = 0.0
+) -> Float[Array, "2"]:
+    """Smallest and largest inverse depth (1/metres) of the vertices, widened by `slack` metres of depth on both sides."""
+    depth = vertices @ cam_from_world[2, :3] + cam_from_world[2, 3]
+    nearest = jnp.maximum(depth.min() - slack - 1e-3, 0.05)
+    farthest = jnp.maximum(depth.max() + slack + 1e-3, nearest + 1e-2)
+    return jnp.stack([1.0 / farthest, 1.0 / nearest])
+
+
+@partial(jax.jit, static_argnames=("height", "width", "capacity"))
+def _face_ids(vertices, faces, intrinsics, cam_from_world, origins, height, width, capacity):
+    layout = KeyLayout.for_faces(faces.shape[0])
+    numbers = jnp.arange(faces.shape[0], dtype=jnp.int32)
+
+    def one_view(view):
+        projection, world, origin = view
+        depth_range = inverse_depth_range(vertices, world)
+        screen = to_screen(vertices, projection, origin)
+        jobs = window_jobs(screen, faces.T, numbers, None, height, width, depth_range, layout, capacity)
+        keys = crop(draw(empty_buffer(layout, height, width), jobs, layout))
+        ids = layout.face(keys)
+        inverse = jnp.where(ids >= 0, layout.inverse_depth(keys, depth_range), 0.0)
+        return ids, inverse, jobs.needed
+
+    return jax.lax.map(one_view, (projection_matrices(intrinsics, cam_from_world), cam_from_world, origins))
+
+
+def face_ids(
+    vertices: Float[Array, "vertex 3"],
+    faces: Int[Array, "face 3"],
+    intrinsics: Float[Array, "camera 3 3"],
+    cam_from_world: Float[Array, "camera 4 4"],
+    origins: Int[Array, "camera 2"],
+    height: int,
+    width: int,
+) -> tuple[Int[Array, "camera height width"], Float[Array, "camera height width"]]:
+    """Which face is seen in each pixel of a rectangle per view.
+
+    `origins` are the row and column of each rectangle's first pixel. Returns face numbers (-1 where empty) and inverse
+    depth (1/metres, 0 where empty). Called from the host: a capacity that overflows is doubled and drawn again.
+    """
+    capacity = 4096
+    while capacity < faces.shape[0]:
+        capacity *= 2
+    while True:
+        ids, inverse, needed = _face_ids(
+            jnp.asarray(vertices), jnp.asarray(faces), jnp.asarray(intrinsics), jnp.asarray(cam_from_world),
+            jnp.asarray(origins, jnp.int32), height, width, capacity,
+        )  # fmt: skip
+        if int(needed.max()) <= capacity:
+            return ids, inverse
+        capacity = 2 ** int(needed.max() - 1).bit_length()
