@@ -1,4 +1,6 @@
 """Cameras: calibrated views per frame, projection, triangulation, and calibration files."""
 
 from ._cameras import Cameras as Cameras, View as View
+from ._colmap import write_colmap_text as write_colmap_text
 from ._projection import pixel_rays as pixel_rays, project as project, triangulate as triangulate
+from ._read import read_cameras as read_cameras

@@ -1,0 +1,5 @@
+"""Captures on disk: videos with their timestamps, keypoints, masks and cameras, and checks before tracking."""
+
+from ._capture import Capture as Capture
+from ._findings import Finding as Finding
+from ._keypoints import KEYPOINT_NAMES as KEYPOINT_NAMES

@@ -1,0 +1,270 @@
+"""COLMAP models: a small bounded reader of the text and binary forms, and a writer of the text form."""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmocap._results import InputError
+
+from ._cameras import Cameras
+
+
+class ColmapCamera(NamedTuple):
+    model: str
+    size: tuple[int, int]
+    parameters: tuple[float, ...]
+
+
+class ColmapImage(NamedTuple):
+    name: str
+    quaternion: tuple[float, ...]  # w x y z
+    translation: tuple[float, ...]
+    camera_id: int
+
+
+class ColmapModel(NamedTuple):
+    cameras: dict[int, ColmapCamera]
+    images: list[ColmapImage]
+    cameras_file: str
+    images_file: str
+
+
+# COLMAP's numbering of camera models and how many parameters each has.
+_MODELS = {
+    0: ("SIMPLE_PINHOLE", 3),
+    1: ("PINHOLE", 4),
+    2: ("SIMPLE_RADIAL", 4),
+    3: ("RADIAL", 5),
+    4: ("OPENCV", 8),
+    5: ("OPENCV_FISHEYE", 8),
+    6: ("FULL_OPENCV", 12),
+    7: ("FOV", 5),
+    8: ("SIMPLE_RADIAL_FISHEYE", 4),
+    9: ("RADIAL_FISHEYE", 5),
+    10: ("THIN_PRISM_FISHEYE", 12),
+    11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+}
+_COUNTS = dict(_MODELS.values())
+_READABLE = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV"
+
+
+def intrinsics_of(camera: ColmapCamera, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """The matrix K and the five distortion coefficients k1 k2 p1 p2 k3 of one COLMAP camera."""
+    p = camera.parameters
+    shared_focal = camera.model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+    if shared_focal:
+        fx, fy, cx, cy, rest = p[0], p[0], p[1], p[2], p[3:]
+    else:
+        fx, fy, cx, cy, rest = p[0], p[1], p[2], p[3], p[4:]
+    if camera.model not in _READABLE.split(", "):
+        raise InputError(
+            f"{where} uses the camera model {camera.model}, which is not supported; expected one of {_READABLE}: "
+            "calibrate again with OPENCV, or undistort the videos first"
+        )
+    if len(rest) == 8 and any(rest[5:]):
+        raise InputError(
+            f"{where} is FULL_OPENCV with k4 k5 k6 = {rest[5:]}; only k1 k2 p1 p2 k3 are supported, so these must "
+            "be 0: calibrate again with OPENCV"
+        )
+    distortion = np.zeros(5)
+    distortion[: min(len(rest), 5)] = rest[:5]
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), distortion
+
+
+def colmap_files(folder: Path) -> tuple[Path, Path] | None:
+    """The cameras and images file of a model folder, or None; the binary form goes first, as in COLMAP."""
+    for suffix in ("bin", "txt"):
+        pair = folder / f"cameras.{suffix}", folder / f"images.{suffix}"
+        if all(file.is_file() for file in pair):
+            return pair
+    return None
+
+
+def read_colmap(cameras_file: Path, images_file: Path) -> ColmapModel:
+    """Read one model, text or binary by suffix. Raises `InputError` for anything truncated, malformed or absurd."""
+    labels = tuple(f"{file.parent.name}/{file.name}" for file in (cameras_file, images_file))
+    try:
+        if cameras_file.suffix == ".bin":
+            cameras = _binary_cameras(_Bytes(cameras_file.read_bytes(), labels[0]))
+            images = _binary_images(_Bytes(images_file.read_bytes(), labels[1]))
+        else:
+            cameras = _text_cameras(cameras_file.read_text(encoding="utf-8"), labels[0])
+            images = _text_images(images_file.read_text(encoding="utf-8"), labels[1])
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{labels[0]} or {labels[1]} is not UTF-8 text: {error.reason} at byte {error.start}"
+        ) from error
+    except OSError as error:
+        raise InputError(f"{labels[0]} or {labels[1]} cannot be read: {error.strerror}") from error
+    return ColmapModel(cameras, images, *labels)
+
+
+def _numbers(words: list[str], where: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in words)
+    except ValueError:
+        raise InputError(f"{where}: expected numbers, found {' '.join(words)[:80]!r}") from None
+
+
+def _whole(word: str, where: str) -> int:
+    try:
+        return int(word)
+    except ValueError:
+        raise InputError(f"{where}: expected a whole number, found {word[:80]!r}") from None
+
+
+def _text_cameras(text: str, label: str) -> dict[int, ColmapCamera]:
+    cameras = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        where = f"{label} line {number}"
+        if len(words) < 5:
+            raise InputError(f"{where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS, found {line[:80]!r}")
+        size = _whole(words[2], where), _whole(words[3], where)
+        camera = ColmapCamera(words[1], size, _numbers(words[4:], where))
+        if camera.model in _COUNTS and len(camera.parameters) != _COUNTS[camera.model]:
+            raise InputError(
+                f"{where}: {camera.model} takes {_COUNTS[camera.model]} parameters, found {len(camera.parameters)}"
+            )
+        cameras[_whole(words[0], where)] = camera
+    return cameras
+
+
+def _is_points(words: list[str]) -> bool:
+    """Whether a line lists observations (x y point_id, repeated; possibly none) rather than the next image."""
+    try:
+        return len(words) % 3 == 0 and all(float(word) is not None for word in words)
+    except ValueError:
+        return False
+
+
+def _text_images(text: str, label: str) -> list[ColmapImage]:
+    """Two lines per image. The second may be empty, and a writer that dropped the empty ones is understood too."""
+    images = []
+    after_header = False
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split()
+        if words and words[0].startswith("#"):
+            continue
+        if not words or (after_header and _is_points(words)):
+            after_header = False
+            continue
+        where = f"{label} line {number}"
+        if len(words) < 10:
+            raise InputError(
+                f"{where}: expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, found {len(words)} words: "
+                f"{line[:80]!r}"
+            )
+        name = line.split(maxsplit=9)[9].strip()
+        pose = _numbers(words[1:8], where)
+        images.append(ColmapImage(name, pose[:4], pose[4:], _whole(words[8], where)))
+        after_header = True
+    return images
+
+
+class _Bytes:
+    """A cursor over a binary file that never reads past its end and never trusts a count."""
+
+    def __init__(self, data: bytes, label: str):
+        self.data, self.label, self.at = data, label, 0
+
+    def take(self, layout: str) -> tuple:
+        size = struct.calcsize(layout)
+        self.skip(size)
+        return struct.unpack_from(layout, self.data, self.at - size)
+
+    def skip(self, size: int) -> None:
+        if self.at + size > len(self.data):
+            raise InputError(
+                f"{self.label} is truncated: {size} bytes expected at byte {self.at}, but the file ends at byte "
+                f"{len(self.data)}; copy or export the model again"
+            )
+        self.at += size
+
+    def count(self, what: str, smallest: int) -> int:
+        """Read a 64-bit count and hold it against the bytes that are left, before anything is reserved for it."""
+        (count,) = self.take("<Q")
+        if count * smallest > len(self.data) - self.at:
+            raise InputError(
+                f"{self.label} is damaged or truncated: its header announces {count} {what}, for which at least "
+                f"{count * smallest} bytes would follow, but only {len(self.data) - self.at} do"
+            )
+        return count
+
+    def name(self) -> str:
+        end = self.data.find(b"\0", self.at)
+        if end < 0:
+            raise InputError(f"{self.label} is truncated: the image name at byte {self.at} has no end")
+        raw, self.at = self.data[self.at : end], end + 1
+        return raw.decode("utf-8", errors="replace")
+
+
+def _binary_cameras(data: _Bytes) -> dict[int, ColmapCamera]:
+    cameras = {}
+    for _ in range(data.count("cameras", 48)):
+        camera_id, model_id, width, height = data.take("<IiQQ")
+        if model_id not in _MODELS:
+            raise InputError(
+                f"{data.label}: camera {camera_id} has the unknown model number {model_id}; expected 0 to "
+                f"{max(_MODELS)}"
+            )
+        model, count = _MODELS[model_id]
+        cameras[camera_id] = ColmapCamera(model, (width, height), data.take(f"<{count}d"))
+    return cameras
+
+
+def _binary_images(data: _Bytes) -> list[ColmapImage]:
+    images = []
+    for _ in range(data.count("images", 73)):
+        _, *pose, camera_id = data.take("<I7dI")
+        name = data.name()
+        data.skip(24 * data.count(f"points in image {name}", 24))
+        images.append(ColmapImage(name, tuple(pose[:4]), tuple(pose[4:]), camera_id))
+    return images
+
+
+def _quaternions(rotation: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(rotation).as_quat(canonical=True)[..., [3, 0, 1, 2]]
+
+
+def _camera_lines(cameras: Cameras) -> Iterator[str]:
+    intrinsics, distortion = np.asarray(cameras.intrinsics, float), np.asarray(cameras.distortion, float)
+    for index, (width, height) in enumerate(cameras.sizes):
+        k = intrinsics[index]
+        if k[0, 1] != 0:
+            raise InputError(f"camera {cameras.names[index]} has skew {k[0, 1]:g}, which a COLMAP model cannot hold")
+        values = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+        model = "PINHOLE"
+        if distortion[index].any():
+            third = distortion[index, 4] != 0
+            model = "FULL_OPENCV" if third else "OPENCV"
+            values += [*distortion[index, :4], *([distortion[index, 4], 0.0, 0.0, 0.0] if third else [])]
+        yield f"{index + 1} {model} {width} {height} " + " ".join(f"{value:.9g}" for value in values)
+
+
+def write_colmap_text(cameras: Cameras, folder: Path, first_frame: int = 0) -> None:
+    """Write a COLMAP text model with one image per camera and frame, named `<camera>/<frame:05d>.png`, and no points.
+
+    Metres, world to camera, centre of the first pixel at (0.5, 0.5). `read_cameras` reads it back.
+    """
+    folder = Path(folder)
+    lines = list(_camera_lines(cameras))
+    poses = np.asarray(cameras.cam_from_world, float)
+    images = []
+    for index, name in enumerate(cameras.names):
+        for frame, (quaternion, pose) in enumerate(
+            zip(_quaternions(poses[index, :, :3, :3]), poses[index], strict=True)
+        ):
+            values = " ".join(f"{value:.9f}" for value in (*quaternion, *pose[:3, 3]))
+            images.append(f"{len(images) + 1} {values} {index + 1} {name}/{first_frame + frame:05d}.png\n")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "cameras.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "images.txt").write_text("\n".join(images) + "\n", encoding="utf-8")
+    (folder / "points3D.txt").write_text("", encoding="utf-8")

@@ -1,0 +1,240 @@
+"""A capture: synchronised videos of one person, with cameras, keypoints and masks where they exist."""
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, UInt8
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras, read_cameras
+
+from ._config import CaptureConfig, config_path, read_config
+from ._consistency import missing_files, selected_positions, span_of
+from ._findings import Finding
+from ._keypoints import best_person, keypoint_file, mask_file, read_mask, read_people
+from ._shared_frames import shared_frames
+from ._undistortion import Undistortion
+from ._video import FrameReader, VideoIndex, index_video
+
+_METRES = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
+_CACHED_IMAGES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """Videos of one person, opened and matched in time. A host record; images are decoded when asked for.
+
+    A `frame` in every method is a position 0 .. num_frames-1 in the span all cameras share, the same as in
+    `cameras.at(frame)` and `timestamps[frame]`. `video_frames[camera, frame]` is its number in that camera's own
+    video, by which files are named; `video_frames[0]` are the frame numbers of a result. `selected_frames` are
+    positions too. `findings` are the warnings met while opening.
+    """
+
+    folder: Path
+    name: str
+    fps: float
+    num_frames: int
+    up: str
+    metres_per_unit: float
+    actor: Path | None
+    camera_names: tuple[str, ...]
+    videos: tuple[Path, ...]
+    selected_frames: tuple[int, ...] | None
+    masks_folder: Path | None
+    keypoints_folder: Path | None
+    truth: Path | None
+    cameras_path: Path | None
+    offsets: tuple[float, ...]
+    indices: tuple[VideoIndex, ...]
+    video_frames: Int64[np.ndarray, "camera frame"]
+    findings: tuple[Finding, ...] = ()
+
+    @staticmethod
+    def open(path: str | Path) -> "Capture":
+        """Open a capture folder, or its `capture.toml`.
+
+        Raises `InputError` naming the file, camera or frame for anything that makes the capture unusable; `check`
+        lists everything at once.
+        """
+        file = config_path(path)
+        config, findings = read_config(file)
+        if config is None:
+            raise InputError(next(finding.message for finding in findings if finding.severity == "error"))
+        capture = build(file, config, [index_video(file.parent / entry.video) for entry in config.camera], findings)
+        for _, missing in missing_files(file, config):
+            raise InputError(missing)
+        if capture.cameras_path is not None:
+            _ = capture.cameras
+        return capture
+
+    @property
+    def num_cameras(self) -> int:
+        return len(self.camera_names)
+
+    @property
+    def sizes(self) -> tuple[tuple[int, int], ...]:
+        """(width, height) of each video as displayed."""
+        return tuple(index.size for index in self.indices)
+
+    @cached_property
+    def timestamps(self) -> Float64[np.ndarray, " frame"]:
+        """Presentation time of each frame in seconds since the first frame of the first camera's video."""
+        return self.indices[0].seconds[self.video_frames[0]]
+
+    @cached_property
+    def cameras(self) -> Cameras:
+        """The calibrated cameras over the shared frames, in metres. Raises `InputError` if there are none."""
+        if self.cameras_path is None:
+            raise InputError(
+                f"capture {self.folder} has no cameras: calibrate it first (jaxmocap calibrate {self.folder}), or name "
+                "a COLMAP model or calibration TOML as cameras in capture.toml"
+            )
+        return read_cameras(
+            self.cameras_path, self.camera_names, self.num_frames, self.sizes, self.video_frames, self.metres_per_unit
+        )
+
+    @cached_property
+    def _undistortions(self) -> tuple[Undistortion | None, ...]:
+        if self.cameras_path is None:
+            return (None,) * self.num_cameras
+        intrinsics, distortion = np.asarray(self.cameras.intrinsics), np.asarray(self.cameras.distortion)
+        return tuple(
+            Undistortion(k, d, size) if d.any() else None
+            for k, d, size in zip(intrinsics, distortion, self.sizes, strict=True)
+        )
+
+    def _own_frame(self, camera_index: int, frame: int) -> int:
+        if not 0 <= frame < self.num_frames:
+            raise IndexError(f"frame {frame} is outside 0..{self.num_frames - 1}")
+        return int(self.video_frames[camera_index, frame])
+
+    def frames(
+        self, start: int = 0, stop: int | None = None
+    ) -> Iterator[tuple[int, list[UInt8[np.ndarray, "height width 3"]]]]:
+        """Yield `(frame, one RGB image per camera)` for start <= frame < stop, undistorted, decoding as it goes.
+
+        The cameras run in lockstep and only the current images are held, however long the videos are.
+        """
+        stop = self.num_frames if stop is None else stop
+        if not 0 <= start <= stop <= self.num_frames:
+            raise IndexError(f"frames {start}:{stop} are outside 0:{self.num_frames}")
+        readers: list[FrameReader] = []
+        try:
+            readers.extend(FrameReader(index) for index in self.indices)
+            for frame in range(start, stop):
+                yield frame, [self._read(camera, reader, frame) for camera, reader in enumerate(readers)]
+        finally:
+            for reader in readers:
+                reader.close()
+
+    def _read(self, camera_index: int, reader: FrameReader, frame: int) -> UInt8[np.ndarray, "height width 3"]:
+        image = reader.read(self._own_frame(camera_index, frame))
+        undistortion = self._undistortions[camera_index]
+        return image if undistortion is None else undistortion.image(image)
+
+    @cached_property
+    def _random_access(self) -> "_RandomAccess":
+        return _RandomAccess(self.indices)
+
+    def image(self, camera_index: int, frame: int) -> UInt8[np.ndarray, "height width 3"]:
+        """One image, RGB, undistorted; any order. The last few are kept. Treat it as read-only."""
+        access = self._random_access
+        with access.lock:
+            key = (camera_index, frame)
+            if key not in access.images:
+                image = self._read(camera_index, access.reader(camera_index), frame)
+                image.flags.writeable = False
+                access.images[key] = image
+                if len(access.images) > _CACHED_IMAGES:
+                    access.images.popitem(last=False)
+            access.images.move_to_end(key)
+            return access.images[key]
+
+    def mask(self, camera_index: int, frame: int) -> Bool[np.ndarray, "height width"] | None:
+        """The person's mask, undistorted like the image; None if there is no file for this camera and frame."""
+        own = self._own_frame(camera_index, frame)
+        if self.masks_folder is None:
+            return None
+        file = mask_file(self.masks_folder, self.camera_names[camera_index], own)
+        if not file.is_file():
+            return None
+        mask = read_mask(file, self.sizes[camera_index])
+        undistortion = self._undistortions[camera_index]
+        return mask if undistortion is None else undistortion.mask(mask)
+
+    def keypoints(self, camera_index: int, frame: int) -> Float64[np.ndarray, "25 3"] | None:
+        """OpenPose BODY_25 points x, y, confidence, moved to the undistorted image; None without a file or a person.
+
+        Of several people the one of the largest mean confidence is taken. Points not found have confidence 0.
+        """
+        own = self._own_frame(camera_index, frame)
+        if self.keypoints_folder is None:
+            return None
+        file = keypoint_file(self.keypoints_folder, self.camera_names[camera_index], own)
+        points = best_person(read_people(file)) if file.is_file() else None
+        undistortion = self._undistortions[camera_index]
+        if points is not None and undistortion is not None:
+            found = points[:, 2] > 0
+            points[found, :2] = undistortion.points(points[found, :2])
+        return points
+
+    def keypoint_frames(self, camera_index: int) -> tuple[int, ...]:
+        """The frames for which this camera has a keypoint file."""
+        folder, name = self.keypoints_folder, self.camera_names[camera_index]
+        if folder is None:
+            return ()
+        own = self.video_frames[camera_index]
+        return tuple(i for i in range(self.num_frames) if keypoint_file(folder, name, int(own[i])).is_file())
+
+
+class _RandomAccess:
+    """One open reader per camera and the last images, behind a lock."""
+
+    def __init__(self, indices: tuple[VideoIndex, ...]):
+        self.lock = threading.Lock()
+        self.images: OrderedDict[tuple[int, int], UInt8[np.ndarray, "height width 3"]] = OrderedDict()
+        self._indices = indices
+        self._readers: dict[int, FrameReader] = {}
+
+    def reader(self, camera_index: int) -> FrameReader:
+        if camera_index not in self._readers:
+            self._readers[camera_index] = FrameReader(self._indices[camera_index])
+        return self._readers[camera_index]
+
+
+def build(file: Path, config: CaptureConfig, indices: list[VideoIndex], findings: list[Finding]) -> Capture:
+    """Assemble a capture from its configuration and indexed videos."""
+    folder = file.parent
+    offsets = tuple(entry.offset for entry in config.camera)
+    shared = shared_frames(indices, offsets)
+    num_frames, about_frames = span_of(config, file, shared, indices)
+    selected, about_selected = selected_positions(config, file, int(shared[0, 0]), num_frames)
+
+    def inside(value: str | None) -> Path | None:
+        return None if value is None else folder / value
+
+    return Capture(
+        folder=folder,
+        name=config.name or folder.resolve().name,
+        fps=config.fps or (1 / indices[0].interval if indices[0].interval > 0 else 30.0),
+        num_frames=num_frames,
+        up=config.up,
+        metres_per_unit=_METRES[config.units],
+        actor=inside(config.actor),
+        camera_names=tuple(entry.name for entry in config.camera),
+        videos=tuple(folder / entry.video for entry in config.camera),
+        selected_frames=selected,
+        masks_folder=inside(config.masks),
+        keypoints_folder=inside(config.keypoints),
+        truth=inside(config.truth),
+        cameras_path=inside(config.cameras),
+        offsets=offsets,
+        indices=tuple(indices),
+        video_frames=shared[:, :num_frames],
+        findings=(*findings, *about_frames, *about_selected),
+    )

@@ -1,0 +1,145 @@
+"""Videos: an index of presentation timestamps, and a reader that finds frames by timestamp, never by counting."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import numpy as np
+from jaxtyping import Float64, Int64, UInt8
+
+from jaxmocap._results import InputError
+
+_READ_ON = 48  # frames ahead up to which decoding on is preferred to seeking
+
+
+@dataclass(frozen=True, eq=False)
+class VideoIndex:
+    """What a video holds: `size` (width, height) as displayed, `pts` in `time_base` units, sorted, and `seconds` since
+    the first frame. `quarter_turns` counter-clockwise bring a stored picture upright. `announced` is the number of
+    frames the container claims (0 if it does not say)."""
+
+    path: Path
+    size: tuple[int, int]
+    pts: Int64[np.ndarray, " frame"]
+    seconds: Float64[np.ndarray, " frame"]
+    quarter_turns: int
+    announced: int
+
+    @property
+    def num_frames(self) -> int:
+        return len(self.pts)
+
+    @property
+    def interval(self) -> float:
+        """Median time between frames, seconds (0 for a single frame)."""
+        return float(np.median(np.diff(self.seconds))) if self.num_frames > 1 else 0.0
+
+
+def _open(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
+    if not path.is_file():
+        raise InputError(f"video {path} does not exist")
+    try:
+        container = av.open(str(path))
+    except (av.FFmpegError, OSError) as error:
+        raise InputError(
+            f"video {path} cannot be opened: {getattr(error, 'strerror', None) or error}; it is no video, or the file "
+            "is damaged or was not copied to its end"
+        ) from error
+    if not container.streams.video:
+        container.close()
+        raise InputError(f"{path} has no video stream")
+    stream = container.streams.video[0]
+    stream.thread_type = "AUTO"
+    return container, stream
+
+
+def _decoded_pts(path: Path) -> list[int]:
+    """Timestamps by decoding everything, for containers (AVI, raw streams) whose packets carry none."""
+    container, stream = _open(path)
+    with container:
+        pts = [frame.pts for frame in container.decode(stream)]
+    if None in pts:
+        raise InputError(f"video {path} has frames without timestamps; convert it to MP4 first")
+    return pts
+
+
+def index_video(path: Path) -> VideoIndex:
+    """Read all timestamps of a video (without decoding it) and decode its first frame for size and rotation."""
+    container, stream = _open(path)
+    try:
+        with container:
+            first = next(container.decode(stream), None)
+            if first is None:
+                raise InputError(f"video {path} has no frames")
+            container.seek(0)
+            packets = [packet for packet in container.demux(stream) if packet.size and not packet.is_discard]
+            pts = [packet.pts for packet in packets]
+            announced, time_base = stream.frames, stream.time_base
+        if any(value is None for value in pts) or not pts:
+            pts = _decoded_pts(path)
+    except (av.FFmpegError, OSError) as error:
+        raise InputError(
+            f"video {path} cannot be decoded: {error}; the file is damaged or its codec unknown"
+        ) from error
+    if time_base is None:
+        raise InputError(f"video {path} does not say in which unit its timestamps are; convert it to MP4 first")
+    values = np.unique(np.asarray(pts, np.int64))
+    values = values[values >= first.pts] if first.pts is not None else values
+    turns = round(first.rotation / 90) % 4
+    if abs(first.rotation - 90 * round(first.rotation / 90)) > 1:
+        raise InputError(f"video {path} is turned by {first.rotation} degrees; only multiples of 90 are supported")
+    size = (first.height, first.width) if turns % 2 else (first.width, first.height)
+    seconds = (values - values[0]) * float(time_base)
+    return VideoIndex(path, size, values, seconds, turns, announced)
+
+
+class FrameReader:
+    """Decodes frames of one video, exactly, in any order; going forward costs no seeking. Holds one frame."""
+
+    def __init__(self, index: VideoIndex):
+        self._index = index
+        self._container, self._stream = _open(index.path)
+        self._frames = self._container.decode(self._stream)
+        self._current: av.VideoFrame | None = None
+        self._position = -1
+
+    def _advance(self, target: int) -> bool:
+        """Decode up to `target`; False if that frame cannot be met going forward."""
+        while self._position < target:
+            frame = next(self._frames, None)
+            if frame is None or frame.pts is None:
+                return False
+            position = int(np.searchsorted(self._index.pts, frame.pts))
+            if position < self._index.num_frames and self._index.pts[position] == frame.pts:
+                self._current, self._position = frame, position
+        return self._position == target
+
+    def _seek(self, pts: int) -> None:
+        self._container.seek(int(pts), stream=self._stream, backward=True)
+        self._frames = self._container.decode(self._stream)
+        self._current, self._position = None, -1
+
+    def read(self, frame: int) -> UInt8[np.ndarray, "height width 3"]:
+        """Frame number `frame` of the video, upright, RGB. Raises `InputError` if it cannot be decoded."""
+        if not 0 <= frame < self._index.num_frames:
+            raise IndexError(f"{self._index.path.name} has frames 0..{self._index.num_frames - 1}, not {frame}")
+        try:
+            found = self._position <= frame <= self._position + _READ_ON and self._advance(frame)
+            for start in () if found else (self._index.pts[frame], self._index.pts[0]):
+                self._seek(start)
+                found = self._advance(frame)
+                if found:
+                    break
+        except (av.FFmpegError, OSError) as error:
+            raise InputError(f"video {self._index.path} frame {frame} cannot be decoded: {error}") from error
+        if not found or self._current is None:
+            raise InputError(
+                f"video {self._index.path} frame {frame} cannot be decoded; the file is damaged or was cut off: "
+                "copy it again, or shorten the capture"
+            )
+        image = self._current.to_ndarray(format="rgb24")
+        return np.ascontiguousarray(np.rot90(image, self._index.quarter_turns)) if self._index.quarter_turns else image
+
+    def close(self) -> None:
+        self._current = None
+        self._container.close()
