@@ -1,0 +1,58 @@
+"""Inverse temperatures for annealing: how sharply energies turn into weights."""
+
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ._resampling import effective_sample_size
+
+Schedule = Literal["ess", "poly_std", "poly_raw"]
+
+
+def energy_gaps(energies: Float[Array, "particle"]) -> Float[Array, "particle"]:
+    """Energies above the lowest one; +inf where not finite; all zero if no energy is finite."""
+    finite = jnp.isfinite(energies)
+    lowest = jnp.min(jnp.where(finite, energies, jnp.inf))
+    gaps = jnp.where(finite, energies - jnp.where(jnp.any(finite), lowest, 0.0), jnp.inf)
+    return jnp.where(jnp.any(finite), gaps, jnp.zeros_like(gaps))
+
+
+def boltzmann_weights(gaps: Float[Array, "particle"], beta: Float[Array, ""]) -> Float[Array, "particle"]:
+    """`exp(-beta (V - V_min))`; the best particle has weight 1, an infinite energy has weight 0."""
+    return jnp.where(jnp.isfinite(gaps), jnp.exp(-beta * jnp.where(jnp.isfinite(gaps), gaps, 0.0)), 0.0)
+
+
+def beta_for_effective_sample_size(
+    gaps: Float[Array, "particle"],
+    share: Float[Array, ""],
+    beta_min: Float[Array, ""],
+    beta_max: Float[Array, ""],
+) -> Float[Array, ""]:
+    """The beta with effective sample size `share * N`, by bisection (survival rate, Deutscher and Reid, IJCV 2005).
+
+    The effective sample size falls as beta grows, so 40 halvings of [beta_min, beta_max] suffice. Where even
+    `beta_max` selects too little (energies all equal), `beta_max` is returned.
+    """
+    target = share * gaps.shape[0]
+
+    def halve(_: Int[Array, ""], bracket: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = bracket
+        middle = 0.5 * (low + high)
+        too_many = effective_sample_size(boltzmann_weights(gaps, jnp.exp(middle))) > target
+        return jnp.where(too_many, middle, low), jnp.where(too_many, high, middle)
+
+    ends = (jnp.log(beta_min).astype(gaps.dtype), jnp.log(beta_max).astype(gaps.dtype))
+    _, high = jax.lax.fori_loop(0, 40, halve, ends)
+    return jnp.exp(high)
+
+
+def energy_scale(gaps: Float[Array, "particle"]) -> Float[Array, ""]:
+    """Standard deviation of the finite energies; 1 where they are all equal."""
+    finite = jnp.isfinite(gaps)
+    count = jnp.maximum(jnp.sum(finite), 1)
+    known = jnp.where(finite, gaps, 0.0)
+    mean = jnp.sum(known) / count
+    deviation = jnp.sqrt(jnp.sum(jnp.where(finite, (known - mean) ** 2, 0.0)) / count)
+    return jnp.where(deviation > 0, deviation, 1.0)

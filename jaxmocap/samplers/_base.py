@@ -1,0 +1,151 @@
+"""What every sampler is: it proposes particles, is told their energies, and names an answer."""
+
+import abc
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxmocap._results import InputError
+
+from ._limits import reflect
+from ._resampling import effective_sample_size
+
+Answer = Literal["mean", "best_if_better"]
+
+
+def particles_for(num_dofs: int) -> int:
+    """Sec. 4.1 of the paper: `2^n + 40` particles for a group of n degrees of freedom (104 for 6, 168 for 7)."""
+    return 2**num_dofs + 40
+
+
+class Proposal(eqx.Module):
+    """Where the next particles come from: `centres + jitter * noise @ factor.T`, folded back at the limits."""
+
+    centres: Float[Array, "particle dof"]
+    factor: Float[Array, "dof dof"]
+    jitter: Float[Array, "particle"]
+    lower: Float[Array, "dof"]
+    upper: Float[Array, "dof"]
+
+    def draw(self, key: PRNGKeyArray) -> Float[Array, "particle dof"]:
+        noise = jax.random.normal(key, self.centres.shape, self.centres.dtype)
+        moved = self.centres + self.jitter[:, None] * jnp.matmul(noise, self.factor.T, precision="highest")
+        return reflect(moved, self.lower, self.upper)
+
+    def around(self, centres: Float[Array, "particle dof"], factor: Float[Array, "dof dof"]) -> "Proposal":
+        """The same limits, new centres; every particle is moved."""
+        return Proposal(centres, factor, jnp.ones_like(self.jitter), self.lower, self.upper)
+
+
+class StepInfo(eqx.Module):
+    """What one evaluated set looked like. After `run`, every field has a leading iteration axis."""
+
+    best_energy: Float[Array, "*iteration"]  # lowest energy of this set, +inf if none was finite
+    effective_sample_size: Float[Array, "*iteration"]
+    beta: Float[Array, "*iteration"]  # inverse temperature; +inf for samplers that only rank
+    spread: Float[Array, "*iteration dof"]  # standard deviation of this set, unweighted
+
+
+class AbstractState(eqx.Module):
+    """What the next step needs. A sampler adds its own fields."""
+
+    proposal: eqx.AbstractVar[Proposal]
+
+
+class AbstractSampler(eqx.Module):
+    """Minimise an energy over a box by proposing particles (`ask`) and being told their energies (`tell`).
+
+    Samplers know arrays only. The caller scores: see `run` (one compiled loop) and `run_stepwise` (energies computed on
+    the host). `answer` says what the driver returns: `"mean"` is the sampler's own estimate, never evaluated (the
+    paper's weighted average); `"best_if_better"` evaluates that estimate in one further set and returns the
+    particle with the lowest energy ever seen.
+    """
+
+    num_particles: eqx.AbstractVar[int]
+    num_iterations: eqx.AbstractVar[int]
+    answer: eqx.AbstractVar[Answer]
+
+    @abc.abstractmethod
+    def init(
+        self,
+        key: PRNGKeyArray,
+        start: Float[Array, "dof"],
+        spread: Float[Array, "dof"],
+        lower: Float[Array, "dof"],
+        upper: Float[Array, "dof"],
+        population: Float[Array, "extra dof"] | None = None,
+    ) -> AbstractState:
+        """First state. Particle 0 is `start`, the following ones are `population` (a warm start), the rest are drawn
+        around `start` with standard deviation `spread`. A dimension of zero spread stays where it is."""
+
+    def ask(self, state: AbstractState, key: PRNGKeyArray) -> Float[Array, "particle dof"]:
+        """The particles to evaluate next, inside the limits."""
+        return state.proposal.draw(key)
+
+    @abc.abstractmethod
+    def tell(
+        self,
+        state: AbstractState,
+        particles: Float[Array, "particle dof"],
+        energies: Float[Array, "particle"],
+        key: PRNGKeyArray,
+    ) -> tuple[AbstractState, StepInfo]:
+        """Learn from the energies of `particles`. Energies that are not finite count as +inf."""
+
+    @abc.abstractmethod
+    def result(self, state: AbstractState) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
+        """The estimate after the last `tell`, and the standard deviation of the particles that formed it."""
+
+
+def first_proposal(
+    num_particles: int,
+    start: Float[Array, "dof"],
+    spread: Float[Array, "dof"],
+    lower: Float[Array, "dof"],
+    upper: Float[Array, "dof"],
+    population: Float[Array, "extra dof"] | None,
+) -> Proposal:
+    """The set of `AbstractSampler.init`: the start and the warm-start population as they are, the rest jittered."""
+    start = jnp.clip(start, lower, upper)
+    kept = start[None] if population is None else jnp.concatenate([start[None], population.astype(start.dtype)])
+    if kept.shape[0] > num_particles:
+        raise InputError(
+            f"The warm start has {kept.shape[0] - 1} particles, but the sampler has {num_particles} "
+            "including the start; give fewer or raise num_particles."
+        )
+    rest = jnp.broadcast_to(start, (num_particles - kept.shape[0], start.shape[0]))
+    jitter = jnp.ones(num_particles, start.dtype).at[: kept.shape[0]].set(0.0)
+    return Proposal(jnp.concatenate([kept, rest]), jnp.diag(spread.astype(start.dtype)), jitter, lower, upper)
+
+
+def finite_or_inf(energies: Float[Array, "particle"]) -> Float[Array, "particle"]:
+    """Energies, with everything that is not a finite number counted as +inf."""
+    return jnp.where(jnp.isfinite(energies), energies, jnp.inf)
+
+
+def step_info(
+    particles: Float[Array, "particle dof"],
+    energies: Float[Array, "particle"],
+    weights: Float[Array, "particle"],
+    beta: float | Float[Array, ""],
+) -> StepInfo:
+    """The record of one evaluated set."""
+    return StepInfo(
+        best_energy=jnp.min(energies).astype(particles.dtype),
+        effective_sample_size=effective_sample_size(weights),
+        beta=jnp.asarray(beta, particles.dtype),
+        spread=jnp.std(particles, axis=0),
+    )
+
+
+def weighted_mean_and_deviation(
+    particles: Float[Array, "particle dof"], weights: Float[Array, "particle"]
+) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
+    """Weighted average and standard deviation over the particles."""
+    share = weights / jnp.sum(weights)
+    mean = jnp.einsum("p,pd->d", share, particles, precision="highest")
+    variance = jnp.einsum("p,pd->d", share, (particles - mean) ** 2, precision="highest")
+    return mean, jnp.sqrt(variance)

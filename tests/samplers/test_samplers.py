@@ -1,0 +1,193 @@
+"""One contract for every sampler: a new one joins by a line in `SAMPLERS`."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmocap._results import InputError
+from jaxmocap.samplers import (
+    CrossEntropy,
+    InteractingSimulatedAnnealing,
+    RandomSearch,
+    particles_for,
+    run,
+    run_stepwise,
+)
+
+DOFS, PARTICLES, ITERATIONS = 4, 40, 8
+SIZES = {"num_particles": PARTICLES, "num_iterations": ITERATIONS}
+ISA = InteractingSimulatedAnnealing
+SAMPLERS = {
+    "isa": ISA(**SIZES),
+    "isa mean": ISA(**SIZES, answer="mean"),
+    "isa polynomial": ISA(**SIZES, schedule="poly_std", strict=True),
+    "isa literal": ISA(**SIZES, schedule="poly_raw", epsilon="zero", answer="mean"),
+    "isa systematic": ISA(**SIZES, resampling="systematic"),
+    "cross entropy": CrossEntropy(**SIZES, num_elites=8),
+    "random search": RandomSearch(**SIZES),
+}
+TARGET = jnp.array([0.2, -0.1, 0.15, -0.25])
+START, SPREAD, LOWER, UPPER = jnp.zeros(DOFS), jnp.full(DOFS, 0.3), jnp.full(DOFS, -0.5), jnp.full(DOFS, 0.4)
+
+
+class Bowl(eqx.Module):
+    """Squared distance to the target: the minimum and the distance to it are known."""
+
+    target: jax.Array
+
+    def __call__(self, particles):
+        return jnp.sum((particles - self.target) ** 2, axis=-1)
+
+
+def searched(sampler, energy=Bowl(TARGET), key=0, **options):
+    return run(sampler, energy, START, SPREAD, LOWER, UPPER, jax.random.key(key), **options)
+
+
+@pytest.fixture(params=SAMPLERS.values(), ids=SAMPLERS.keys())
+def sampler(request):
+    return request.param
+
+
+def test_ask_and_tell_keep_shapes_types_and_limits(sampler):
+    state = sampler.init(jax.random.key(0), START, SPREAD, LOWER, UPPER)
+    for iteration in range(3):
+        particles = sampler.ask(state, jax.random.key(iteration))
+        assert particles.shape == (PARTICLES, DOFS)
+        assert np.all((particles >= LOWER) & (particles <= UPPER))
+        new_state, info = sampler.tell(state, particles, Bowl(TARGET)(particles), jax.random.key(10 + iteration))
+        assert jax.tree.structure(new_state) == jax.tree.structure(state)
+        assert [x.dtype for x in jax.tree.leaves(new_state)] == [x.dtype for x in jax.tree.leaves(state)]
+        np.testing.assert_allclose(info.best_energy, Bowl(TARGET)(particles).min())
+        state = new_state
+    mean, deviation = sampler.result(state)
+    assert mean.shape == deviation.shape == (DOFS,)
+
+
+def test_first_particles_are_the_start_and_the_warm_population(sampler):
+    population = jnp.array([[0.1, 0.2, 0.3, 0.4], [-0.1, -0.2, -0.3, -0.4]])
+    state = sampler.init(jax.random.key(0), START, SPREAD, LOWER, UPPER, population)
+    particles = sampler.ask(state, jax.random.key(1))
+    np.testing.assert_array_equal(particles[:3], jnp.concatenate([START[None], population]))
+
+
+def test_same_key_gives_the_same_bits_and_another_key_does_not(sampler):
+    first, again, other = searched(sampler)[0], searched(sampler)[0], searched(sampler, key=1)[0]
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_search_comes_closer_than_the_start(sampler):
+    sharp = lambda particles: 50 * Bowl(TARGET)(particles)  # noqa: E731  (the literal schedule needs a scaled energy)
+    found, info = searched(sampler, sharp)
+    assert jnp.linalg.norm(found - TARGET) < 0.5 * jnp.linalg.norm(TARGET)
+    rows = ITERATIONS if sampler.answer == "mean" else ITERATIONS + 1
+    assert info.steps.beta.shape == (rows,)
+    assert info.steps.spread.shape == (rows, DOFS)
+    assert info.best_energy == jnp.min(info.steps.best_energy)
+
+
+def test_best_if_better_returns_the_lower_of_the_mean_and_the_best(sampler):
+    found, info = searched(sampler)
+    if sampler.answer == "mean":
+        np.testing.assert_array_equal(found, info.mean)
+        assert jnp.isnan(info.energy)
+    else:
+        np.testing.assert_allclose(info.mean_energy, Bowl(TARGET)(info.mean), rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(info.energy, Bowl(TARGET)(found), rtol=1e-4, atol=1e-9)
+        assert info.energy <= info.mean_energy
+
+
+def test_energies_that_are_not_numbers_count_as_infinite(sampler):
+    def holes(particles):
+        return jnp.where(particles[:, 0] < 0.05, jnp.nan, Bowl(TARGET)(particles))
+
+    found, info = searched(sampler, holes)
+    assert found[0] >= 0.05
+    assert jnp.all(jnp.isfinite(found))
+    assert jnp.all(jnp.isfinite(info.best))
+
+
+def test_nothing_finite_leaves_the_best_at_the_start(sampler):
+    found, info = searched(sampler, lambda particles: jnp.full(particles.shape[0], jnp.nan))
+    np.testing.assert_array_equal(info.best, START)
+    assert jnp.isinf(info.best_energy)
+    assert jnp.all(jnp.isfinite(found))
+
+
+def test_constant_energy_neither_explodes_nor_leaves_the_start(sampler):
+    unlimited = jnp.full(DOFS, jnp.inf)
+    flat = lambda particles: jnp.ones(particles.shape[0])  # noqa: E731
+    found, info = run(sampler, flat, START, SPREAD, -unlimited, unlimited, jax.random.key(0))
+    assert jnp.max(info.steps.spread) < 3 * SPREAD[0]
+    np.testing.assert_array_equal(info.best, START)
+    assert jnp.all(jnp.abs(found) < 2 * SPREAD)
+
+
+def test_dimension_without_spread_stays_exactly_where_it_is(sampler):
+    start = START.at[2].set(0.123)
+    found, _ = run(sampler, Bowl(TARGET), start, SPREAD.at[2].set(0.0), LOWER, UPPER, jax.random.key(0))
+    np.testing.assert_allclose(found[2], 0.123, atol=1e-7)
+    assert abs(found[0] - TARGET[0]) < 0.15
+
+
+def test_stepwise_with_a_host_energy_equals_the_compiled_loop(sampler):
+    def on_host(particles):
+        return np.sum((np.asarray(particles) - np.asarray(TARGET)) ** 2, axis=-1)
+
+    found, info = searched(sampler)
+    other, other_info = run_stepwise(sampler, on_host, START, SPREAD, LOWER, UPPER, jax.random.key(0))
+    np.testing.assert_allclose(found, other, atol=1e-4)
+    assert jax.tree.structure(info) == jax.tree.structure(other_info)
+
+
+def test_mapping_over_keys_and_starts_equals_a_loop(sampler):
+    keys, starts = jax.random.split(jax.random.key(3), 2), jnp.stack([START, START + 0.1])
+    mapped, _ = jax.vmap(lambda key, start: run(sampler, Bowl(TARGET), start, SPREAD, LOWER, UPPER, key))(keys, starts)
+    for key, start, found in zip(keys, starts, mapped, strict=True):
+        np.testing.assert_allclose(run(sampler, Bowl(TARGET), start, SPREAD, LOWER, UPPER, key)[0], found, atol=2e-3)
+
+
+def test_stages_pass_particles_on_but_never_compare_their_energies(sampler):
+    def coarse(particles):
+        return Bowl(TARGET + 0.1)(particles) - 1000.0
+
+    found, info = searched(sampler, [(coarse, 4), (Bowl(TARGET), 8)])
+    assert info.best_energy >= 0
+    assert info.steps.beta.shape[0] == 12 + (sampler.answer != "mean")
+    assert jnp.linalg.norm(info.best - TARGET) < jnp.linalg.norm(TARGET)
+    assert jnp.all(jnp.isfinite(found))
+
+
+def test_other_numbers_and_other_data_do_not_compile_again(sampler):
+    traces = []
+
+    class Counting(eqx.Module):
+        target: jax.Array
+
+        def __call__(self, particles):
+            traces.append(particles.shape)
+            return Bowl(self.target)(particles)
+
+    searched(sampler, Counting(TARGET))
+    seen = len(traces)
+    halved = jax.tree.map(lambda leaf: 0.5 * leaf, sampler)
+    searched(halved, Counting(TARGET + 0.1), key=5)
+    assert len(traces) == seen
+
+
+def test_sampler_maps_over_a_swept_number():
+    spreads = eqx.filter_vmap(
+        lambda alpha: searched(eqx.tree_at(lambda s: s.alpha, SAMPLERS["isa"], alpha))[1].steps.spread[-1]
+    )(jnp.array([0.1, 0.8]))
+    assert jnp.all(spreads[1] > spreads[0])
+
+
+def test_particle_count_of_the_paper():
+    assert (particles_for(6), particles_for(7)) == (104, 168)
+
+
+def test_warm_start_larger_than_the_set_is_refused():
+    with pytest.raises(InputError, match="warm start has 40 particles"):
+        searched(SAMPLERS["isa"], population=jnp.zeros((40, DOFS)))
