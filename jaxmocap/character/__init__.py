@@ -1,0 +1,24 @@
+"""The actor: skeleton, pose and skinning (Eqs 1, 2 and 4), and its loading from skinned files."""
+
+from ._build import build_skeleton as build_skeleton
+from ._character import Character as Character
+from ._dof_table import BODIES as BODIES
+from ._jacobian import points_and_jacobian as points_and_jacobian, taylor_skin as taylor_skin
+from ._kinematics import (
+    blend as blend,
+    body_transforms as body_transforms,
+    landmark_positions as landmark_positions,
+    skin as skin,
+)
+from ._pose import (
+    Pose as Pose,
+    clamp as clamp,
+    difference as difference,
+    pelvis_position as pelvis_position,
+    pose_from_vector as pose_from_vector,
+    pose_vector as pose_vector,
+    rest_pose as rest_pose,
+    retract as retract,
+    retract_root_twist as retract_root_twist,
+)
+from ._skeleton import Skeleton as Skeleton

@@ -1,0 +1,15 @@
+from ._transforms import (
+    ad as ad,
+    adjoint as adjoint,
+    hat as hat,
+    matmul as matmul,
+    rigid as rigid,
+    se3_exp as se3_exp,
+    se3_inverse as se3_inverse,
+    se3_left_jacobian as se3_left_jacobian,
+    se3_log as se3_log,
+    so3_exp as so3_exp,
+    so3_left_jacobian as so3_left_jacobian,
+    so3_log as so3_log,
+    transform as transform,
+)

@@ -1,0 +1,41 @@
+"""The actor: a mesh bound to a skeleton (Sec. 3.1)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import equinox as eqx
+from jaxtyping import Array, Float, Int
+
+from ._dof_table import Arm
+from ._skeleton import Skeleton
+
+
+class Character(eqx.Module):
+    """A closed triangle mesh in its rest pose, with its skeleton and dense skinning weights whose rows sum to 1."""
+
+    name: str = eqx.field(static=True)
+    skeleton: Skeleton
+    vertices: Float[Array, "vertex 3"]
+    faces: Int[Array, "face 3"]
+    weights: Float[Array, "vertex bone"]
+
+    @classmethod
+    def load(
+        cls, path: str | Path, mapping: str | Path | Mapping[str, str] | None = None, arm: Arm = "cmu7"
+    ) -> "Character":
+        """Read a skinned glTF or GLB file of a person.
+
+        The file's joints are recognised by name (Mixamo, VRM, Rocketbox, MakeHuman, Unreal, SMPL and similar) and,
+        where names fail, by place; `mapping` (file joint name -> one of our body names; a JSON or TOML file or a dict)
+        overrides both. Any rest pose, orientation and joint count will do. The result is in metres in the rest frame
+        x = subject's left, y up, z forward. Raises `InputError` for anything that makes the file unusable.
+        """
+        from ._load import load_character
+
+        return load_character(cls, Path(path), mapping, arm)
+
+    def save_glb(self, path: str | Path) -> Path:
+        """Write an ordinary skinned GLB, which `load` reads back to the same character; returns the path."""
+        from ._save_glb import save_glb
+
+        return save_glb(self, Path(path))

@@ -1,0 +1,137 @@
+"""Reading glTF 2.0 files: containers, buffers and accessors, with every size checked against the bytes there are."""
+
+import base64
+import binascii
+import json
+import struct
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pygltflib
+
+from jaxmocap._results import InputError
+
+_COMPONENTS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
+_SUFFIXES = (".glb", ".gltf", ".vrm")
+
+
+class Document:
+    """A glTF file in memory. `array` decodes an accessor; `fail` raises an `InputError` that names the file."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        if not path.is_file():
+            raise InputError(f"{path} does not exist; give the path of a skinned .glb or .gltf file.")
+        data = path.read_bytes()
+        if data[:4] == struct.pack("<I", _MAGIC):
+            text, self._binary = self._chunks(data)
+        elif path.suffix.lower() in _SUFFIXES and data.lstrip()[:1] == b"{":
+            text, self._binary = data, None
+        else:
+            self.fail("is not a glTF file; a skinned .glb or .gltf file is needed (export one, or run `jaxmocap rig`)")
+        self.gltf = self._parse(text)
+        self._buffers: dict[int, bytes] = {}
+
+    def fail(self, message: str) -> NoReturn:
+        """Raise the one-sentence error of this file."""
+        raise InputError(f"{self.path}: {message}.")
+
+    def item(self, kind: str, index: Any) -> Any:
+        """`gltf.<kind>[index]`, or an error where the file refers to something it does not hold."""
+        items = getattr(self.gltf, kind) or []
+        if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(items):
+            self.fail(f"refers to {kind} number {index} but holds {len(items)}; the file is damaged, export it again")
+        return items[index]
+
+    def array(self, index: Any) -> np.ndarray:
+        """An accessor as (count, width); normalised integers become floats in [0, 1] or [-1, 1]."""
+        accessor = self.item("accessors", index)
+        if accessor.sparse is not None:
+            self.fail(f"accessor {index} is sparse, which is not supported; export the model without sparse accessors")
+        dtype, width = _COMPONENTS.get(accessor.componentType), _WIDTHS.get(accessor.type)
+        if dtype is None or width is None or accessor.bufferView is None:
+            self.fail(f"accessor {index} has no data or an unknown type; export the model again, without compression")
+        view = self.item("bufferViews", accessor.bufferView)
+        if (view.extensions or {}).get("EXT_meshopt_compression"):
+            self.fail("is compressed with meshopt; export the model without compression")
+        count, size = accessor.count, np.dtype(dtype).itemsize * width
+        stride = view.byteStride or size
+        start, offset = view.byteOffset or 0, accessor.byteOffset or 0
+        numbers = (count, stride, start, offset, view.byteLength)
+        if not all(isinstance(number, int) and number >= 0 for number in numbers) or stride < size:
+            self.fail(f"accessor {index} has impossible sizes; the file is damaged, export it again")
+        data = self._buffer(view.buffer)
+        end = start + offset + stride * (count - 1) + size if count else start
+        if end > min(len(data), start + view.byteLength):
+            self.fail(f"accessor {index} needs {end} bytes but the buffer holds {len(data)}; the file is cut short")
+        if count == 0:
+            return np.zeros((0, width), dtype)
+        rows = np.lib.stride_tricks.as_strided(
+            np.frombuffer(data, np.uint8)[start + offset :], (count, size), (stride, 1), writeable=False
+        )
+        values = np.ascontiguousarray(rows).view(np.dtype(dtype).newbyteorder("<"))
+        if accessor.normalized and dtype is not np.float32:
+            return np.maximum(values.astype(np.float64) / np.iinfo(dtype).max, -1.0)
+        return values
+
+    def _chunks(self, data: bytes) -> tuple[bytes, bytes | None]:
+        if len(data) < 20:
+            self.fail(f"holds only {len(data)} bytes; the file is cut short")
+        _, version, length = struct.unpack_from("<III", data)
+        if version != 2:
+            self.fail(f"is glTF version {version}; version 2 is needed")
+        if length > len(data):
+            self.fail(f"declares {length} bytes but holds {len(data)}; the file is cut short")
+        chunks: dict[int, bytes] = {}
+        position = 12
+        while position + 8 <= length:
+            size, kind = struct.unpack_from("<II", data, position)
+            if position + 8 + size > length:
+                self.fail(f"declares a chunk of {size} bytes where {length - position - 8} are left; it is cut short")
+            chunks.setdefault(kind, data[position + 8 : position + 8 + size])
+            position += 8 + size
+        if _JSON not in chunks:
+            self.fail("has no JSON chunk; the file is damaged, export it again")
+        return chunks[_JSON], chunks.get(_BINARY)
+
+    def _parse(self, text: bytes) -> pygltflib.GLTF2:
+        try:
+            content = json.loads(text.decode("utf-8").rstrip("\x00 \n"))
+            if not isinstance(content, dict) or "asset" not in content:
+                self.fail("is JSON but not glTF; a skinned .glb or .gltf file is needed")
+            required = content.get("extensionsRequired") or []
+            compressed = [name for name in required if "draco" in name or "meshopt" in name]
+            if compressed:
+                self.fail(f"is compressed with {compressed[0]}; export the model without compression")
+            return pygltflib.GLTF2.from_json(json.dumps(content), infer_missing=True)
+        except (UnicodeDecodeError, json.JSONDecodeError, RecursionError):
+            self.fail("has unreadable JSON; the file is damaged, export it again")
+        except (TypeError, KeyError, AttributeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            self.fail(f"is not well-formed glTF ({error}); export it again")
+
+    def _buffer(self, index: Any) -> bytes:
+        if index not in self._buffers:
+            buffer = self.item("buffers", index)
+            data = self._uri(buffer.uri) if buffer.uri else self._binary
+            if data is None:
+                self.fail("has no binary chunk; the file is cut short")
+            self._buffers[index] = data
+        return self._buffers[index]
+
+    def _uri(self, uri: str) -> bytes:
+        if uri.startswith("data:"):
+            try:
+                return base64.b64decode(uri.partition(",")[2], validate=True)
+            except (binascii.Error, ValueError):
+                self.fail("has an unreadable embedded buffer; the file is damaged, export it again")
+        target = (self.path.parent / uri).resolve()
+        if not target.is_relative_to(self.path.parent.resolve()):
+            self.fail(f"refers to the buffer {uri} outside its own folder; put both files into one folder")
+        if not target.is_file():
+            self.fail(f"refers to the buffer {uri}, which is not there; put it beside the file, or export a .glb")
+        return target.read_bytes()

@@ -1,0 +1,86 @@
+"""`Character.load`: from a skinned glTF file to the rest frame, our 18 bodies and the skeleton."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+
+from ._build import build_skeleton
+from ._clean_mesh import clean_mesh
+from ._dof_table import BODIES, Arm
+from ._gltf import Document
+from ._map_joints import map_joints
+from ._mesh_landmarks import mesh_landmarks
+from ._read_skin import read_skin
+from ._rest_frame import rest_frame
+
+if TYPE_CHECKING:
+    from ._character import Character
+
+_HEIGHTS = (0.3, 3.0)
+_UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254), ("kilometres", 1e3), ("decimetres", 0.1))
+
+
+def load_character(
+    kind: "type[Character]", path: Path, mapping: str | Path | Mapping[str, str] | None, arm: Arm
+) -> "Character":
+    """See `Character.load`."""
+    document = Document(path)
+    raw = read_skin(document)
+    _check_numbers(document, raw.vertices, raw.weights, raw.faces)
+    mapped = map_joints(document, raw, mapping)
+    turn = rest_frame(mapped.places)
+    places = {name: turn @ place for name, place in mapped.places.items()}
+    _check_facing(document, raw.vertices @ turn.T, mapped.body_weights, places)
+    vertices, faces, weights = clean_mesh(raw.vertices @ turn.T, raw.faces, mapped.body_weights)
+    height = float(np.ptp(vertices[:, 1]))
+    _check_height(document, height)
+    weights = weights / weights.sum(axis=1, keepdims=True)
+    columns = {body: weights[:, number] for number, (body, _, _) in enumerate(BODIES)}
+    places = {**mesh_landmarks(vertices, columns, places, height), **places}
+    skeleton = build_skeleton(places, arm)
+    return kind(
+        name=path.stem,
+        skeleton=skeleton,
+        vertices=jnp.asarray(vertices, jnp.float32),
+        faces=jnp.asarray(faces, jnp.int32),
+        weights=jnp.asarray(weights, jnp.float32),
+    )
+
+
+def _check_numbers(document: Document, vertices: np.ndarray, weights: np.ndarray, faces: np.ndarray) -> None:
+    for name, values in (("vertex positions", vertices), ("skinning weights", weights)):
+        bad = np.flatnonzero(~np.all(np.isfinite(values), axis=1))
+        if len(bad):
+            document.fail(f"has {len(bad)} {name} that are not finite (first at vertex {bad[0]}); repair the mesh")
+    if np.any(weights < -1e-6):
+        document.fail("has negative skinning weights; normalise them and export again")
+    loose = np.flatnonzero(weights.sum(axis=1) < 1e-6)
+    loose = np.intersect1d(loose, faces)
+    if len(loose):
+        document.fail(f"has {len(loose)} vertices without skinning weights (first is {loose[0]}); weight-paint them")
+
+
+def _check_height(document: Document, height: float) -> None:
+    low, high = _HEIGHTS
+    if low <= height <= high:
+        return
+    likely = next(((name, factor) for name, factor in _UNITS if 1.2 <= height * factor <= 2.2), None)
+    hint = f"; it looks like {likely[0]}, scale it by {likely[1]:g}" if likely else ""
+    document.fail(f"is {height:.4g} m tall, expected {low} to {high} m{hint}")
+
+
+def _check_facing(
+    document: Document, vertices: np.ndarray, body_weights: np.ndarray, places: Mapping[str, np.ndarray]
+) -> None:
+    """Left and right named the wrong way round make the feet point backwards."""
+    reach = []
+    for number, (body, _, joint) in enumerate(BODIES):
+        foot = vertices[body_weights[:, number] > 0.5]
+        if body.endswith("foot") and len(foot) >= 8:
+            size = np.ptp(foot[:, 2])
+            reach.append(((foot[:, 2].max() + foot[:, 2].min()) / 2 - places[joint][2]) / max(size, 1e-9))
+    if len(reach) == 2 and max(reach) < -0.1:
+        document.fail("has its left and right joints exchanged: the feet point backwards; swap the names or map them")

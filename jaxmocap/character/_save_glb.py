@@ -1,0 +1,114 @@
+"""Writing a character as an ordinary skinned GLB."""
+
+import json
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ._dof_table import BODIES
+
+if TYPE_CHECKING:
+    from ._character import Character
+
+_TYPES = {np.dtype("<f4"): 5126, np.dtype("<u4"): 5125, np.dtype("u1"): 5121}
+_WIDTHS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
+
+def save_glb(character: "Character", path: Path) -> Path:
+    """One mesh, one skin of 18 joints standing at rest, as many sets of four weights as the mesh needs.
+
+    Landmarks and the joints' exact places go into the skin's `extras`, which other programs ignore.
+    """
+    skeleton = character.skeleton
+    joints = np.array([skeleton.landmark(joint) for _, _, joint in BODIES], dtype="<f4")
+    inverse_binds = np.tile(np.eye(4, dtype="<f4"), (len(joints), 1, 1))
+    inverse_binds[:, 3, :3] = -joints  # glTF matrices are stored by columns
+    writer = _Writer()
+    attributes = {"POSITION": writer.add(np.asarray(character.vertices, "<f4"), bounds=True)}
+    for number, (bones, values) in enumerate(_influences(np.asarray(character.weights, "<f4"))):
+        attributes[f"JOINTS_{number}"] = writer.add(bones.astype("u1"))
+        attributes[f"WEIGHTS_{number}"] = writer.add(values.astype("<f4"))
+    indices = writer.add(np.asarray(character.faces, "<u4").reshape(-1, 1))
+    binds = writer.add(inverse_binds.reshape(-1, 16))
+    mesh_node = len(joints)
+    landmarks = dict(zip(skeleton.landmark_names, np.asarray(skeleton.landmarks).tolist(), strict=True))
+    document = {
+        "asset": {"version": "2.0", "generator": "jaxmocap"},
+        "scene": 0,
+        "scenes": [{"nodes": [0, mesh_node]}],
+        "nodes": [*_nodes(joints, skeleton.parents), {"name": character.name, "mesh": 0, "skin": 0}],
+        "meshes": [{"name": character.name, "primitives": [{"attributes": attributes, "indices": indices}]}],
+        "skins": [
+            {
+                "joints": list(range(len(joints))),
+                "skeleton": 0,
+                "inverseBindMatrices": binds,
+                "extras": {"jaxmocap_landmarks": landmarks},
+            }
+        ],
+        **writer.tables(),
+    }
+    path.write_bytes(_container(document, bytes(writer.data)))
+    return path
+
+
+def _nodes(joints: np.ndarray, parents: tuple[int, ...]) -> list[dict[str, object]]:
+    nodes: list[dict[str, object]] = []
+    for number, (name, _, _) in enumerate(BODIES):
+        origin = joints[parents[number]] if parents[number] >= 0 else np.zeros(3, "<f4")
+        node: dict[str, object] = {"name": name, "translation": (joints[number] - origin).tolist()}
+        children = [child for child, parent in enumerate(parents) if parent == number]
+        nodes.append({**node, "children": children} if children else node)
+    return nodes
+
+
+def _influences(weights: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Dense weights as sets of four (bones, values), largest first; unused places hold bone 0 with weight 0."""
+    order = np.argsort(-weights, axis=1, kind="stable")
+    values = np.take_along_axis(weights, order, axis=1)
+    most = max(int(np.count_nonzero(values, axis=1).max()), 1)
+    sets = []
+    for start in range(0, -(-most // 4) * 4, 4):
+        part = values[:, start : start + 4]
+        bones = np.where(part > 0, order[:, start : start + 4], 0)
+        missing = 4 - part.shape[1]
+        sets.append((np.pad(bones, ((0, 0), (0, missing))), np.pad(part, ((0, 0), (0, missing)))))
+    return sets
+
+
+class _Writer:
+    """Collects arrays into one buffer, each with its own view and accessor."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, int]] = []
+        self.accessors: list[dict[str, object]] = []
+
+    def add(self, array: np.ndarray, bounds: bool = False) -> int:
+        accessor: dict[str, object] = {
+            "bufferView": len(self.views),
+            "componentType": _TYPES[array.dtype],
+            "count": len(array),
+            "type": _WIDTHS[array.shape[1]],
+        }
+        if bounds:
+            accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
+        self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": array.nbytes})
+        self.accessors.append(accessor)
+        self.data += array.tobytes()
+        self.data += b"\x00" * (-len(self.data) % 4)
+        return len(self.accessors) - 1
+
+    def tables(self) -> dict[str, object]:
+        return {"accessors": self.accessors, "bufferViews": self.views, "buffers": [{"byteLength": len(self.data)}]}
+
+
+def _container(document: dict[str, object], binary: bytes) -> bytes:
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    length = 12 + 8 + len(text) + 8 + len(binary)
+    header = struct.pack("<III", 0x46546C67, 2, length)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
+    return header + chunks
