@@ -1,0 +1,13 @@
+"""Motion: poses over time with confidence and provenance, their storage, and motion priors in time."""
+
+from ._atomic import (
+    atomic_folder as atomic_folder,
+    atomic_path as atomic_path,
+    write_bytes as write_bytes,
+    write_json as write_json,
+    write_npz as write_npz,
+    write_text as write_text,
+)
+from ._folder import claim_output as claim_output
+from ._motion import Motion as Motion, cameras_at as cameras_at
+from ._storage import read_npz as read_npz

@@ -1,0 +1,10 @@
+"""Viewers: the tracked body over the images, as pictures, sheets and videos."""
+
+from ._faces import paint_face_ids as paint_face_ids
+from ._overlay import OverlayStyle as OverlayStyle, contact_sheet as contact_sheet, draw_overlay as draw_overlay
+from ._overlay_video import (
+    overlay_frames as overlay_frames,
+    overlay_video as overlay_video,
+    overlay_videos as overlay_videos,
+)
+from ._video import VideoWriter as VideoWriter, open_video as open_video, write_overlay_video as write_overlay_video

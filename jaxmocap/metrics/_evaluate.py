@@ -1,0 +1,107 @@
+"""One evaluation of a result against the truth of its capture."""
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxmocap._results import InputError
+from jaxmocap.motion import Motion
+
+from ._joints import jitter, joint_errors
+from ._markers import marker_error
+from ._similarity import IDENTITY, Similarity, align_cameras, camera_residuals
+from ._statistics import joint_statistics, marker_statistics
+from ._truth import Truth
+
+
+def evaluate(
+    result: Motion | str | os.PathLike[str],
+    truth: str | os.PathLike[str],
+    *,
+    joints: Sequence[str] | None = None,
+) -> dict[str, Any]:
+    """Score a result (a motion or its folder) against a truth file; see `Truth.read` for what that may hold.
+
+    Frames are matched by time. Where the truth holds the cameras' true poses and the result its own, the result's world
+    is first brought to the truth's once, by the similarity between the two sets of cameras; `aligned_by` says so.
+    `joints` restricts the joints compared.
+
+    Returns what is known of, in centimetres: `frames`, `lost_frames`, `marker_error_cm` {mean, min, max, p95},
+    `joint_error_cm` and `joint_error_offset_corrected_cm` {mean, p95, max}, `pa_mpjpe_cm`, `seconds_per_frame`, and
+    further keys. `min` and `max` of markers are over frames of the per-frame mean; `p95` and the joints' `max` are over
+    single points. Raises `InputError` if the files cannot be read or do not belong together.
+    """
+    motion = result if isinstance(result, Motion) else Motion.load(result)
+    reference, evaluated = Truth.read(truth).at(motion)
+    scores: dict[str, Any] = {"frames": len(evaluated), "lost_frames": int((evaluated.status == "lost").sum())}
+    if len(evaluated) < len(motion):
+        scores["frames_without_truth"] = len(motion) - len(evaluated)
+    placed, alignment = _alignment(reference, evaluated)
+    if reference.markers is not None:
+        scores |= _marker_scores(evaluated, reference.markers, placed)
+    if reference.joints is not None:
+        scores |= _joint_scores(evaluated, reference, joints, placed)
+    scores["jitter_m_per_s2"] = jitter(evaluated, placed.scale)
+    seconds = motion.provenance.get("seconds_per_frame")
+    if seconds is not None:
+        scores["seconds_per_frame"] = float(seconds)
+    return scores | alignment
+
+
+def _alignment(truth: Truth, motion: Motion) -> tuple[Similarity, dict[str, Any]]:
+    """truth_from_world, and what to say about it."""
+    if truth.cam_from_world is None:
+        return IDENTITY, {}
+    if motion.cameras is None:
+        return IDENTITY, {"aligned_by": "nothing: the truth holds cameras, the result holds none"}
+    ours = np.asarray(motion.cameras.cam_from_world, np.float64)
+    if len(ours) != len(truth.cam_from_world):
+        raise InputError(
+            f"The result has {len(ours)} cameras, the truth {truth.path} has {len(truth.cam_from_world)}; "
+            "they must be the same cameras in the same order."
+        )
+    pairs = ours.reshape(-1, 4, 4), truth.cam_from_world.reshape(-1, 4, 4)
+    similarity = align_cameras(*pairs)
+    distance, angle = camera_residuals(similarity, *pairs)
+    return similarity, {
+        "aligned_by": f"one similarity over {len(distance)} camera poses",
+        "alignment": {
+            "scale": similarity.scale,
+            "rotation_degrees": float(np.degrees(similarity.angle)),
+            "camera_centre_residual_cm": float(100 * np.sqrt(np.mean(distance**2))),
+            "camera_angle_residual_degrees": float(np.degrees(np.sqrt(np.mean(angle**2)))),
+        },
+    }
+
+
+def _marker_scores(motion: Motion, markers: np.ndarray, placed: Similarity) -> dict[str, Any]:
+    errors = marker_error(motion.character, motion, markers, truth_from_world=placed)
+    return {
+        "marker_error_cm": marker_statistics(errors.distances),
+        "marker_error_offset_corrected_cm": marker_statistics(errors.offset_corrected),
+        "marker_error_realigned_cm": marker_statistics(errors.realigned),
+        "marker_error_per_frame_cm": [float(100 * error) for error in errors.per_frame],
+        "markers": int((errors.faces >= 0).sum()),
+    }
+
+
+def _joint_scores(motion: Motion, truth: Truth, joints: Sequence[str] | None, placed: Similarity) -> dict[str, Any]:
+    assert truth.joints is not None
+    errors = joint_errors(motion, truth.joints, truth.joint_names, joints=joints, truth_from_world=placed)
+    scores: dict[str, Any] = {
+        "joint_error_cm": joint_statistics(errors.raw),
+        "joint_error_offset_corrected_cm": joint_statistics(errors.offset_corrected),
+        "joint_error_by_name_cm": dict(
+            zip(errors.names, map(float, 100 * np.nanmean(errors.raw, axis=0)), strict=True)
+        ),
+        "pck_150mm": errors.correct_keypoints(),
+    }
+    if errors.root_aligned is not None:
+        scores["mpjpe_root_aligned_cm"] = float(100 * np.nanmean(errors.root_aligned))
+    if np.isfinite(errors.procrustes).any():
+        scores["pa_mpjpe_cm"] = float(100 * np.nanmean(errors.procrustes))
+    if np.isfinite(errors.acceleration).any():
+        scores["acceleration_error_m_per_s2"] = float(np.nanmean(errors.acceleration))
+    return scores

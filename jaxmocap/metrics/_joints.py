@@ -1,0 +1,143 @@
+"""Joint errors: raw, root-aligned, after Procrustes, and with constant offsets in the bodies' frames removed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxmocap._results import InputError
+from jaxmocap.motion import Motion
+
+from ._similarity import IDENTITY, Similarity, fit_similarity
+
+# Joints of the skeleton. Landmarks on the surface (nose, toes, heels) are matched only when asked for by name.
+JOINTS = ("pelvis", "spine", "thorax", "neck", "head") + tuple(
+    f"{side}_{part}" for side in "lr" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+)
+
+
+@dataclass(frozen=True)
+class JointErrors:
+    """Distances per frame and joint in metres, NaN where the truth has none.
+
+    `raw` compares world positions. `root_aligned` first moves pelvis (else the middle of the hips) onto pelvis; None
+    where neither is known. `procrustes` first applies the best similarity of each frame (PA-MPJPE). `offset_corrected`
+    removes from each joint its mean residual in the frame of the body it belongs to: two definitions of a joint that
+    differ by a fixed vector on the bone then agree. `acceleration` is |a - a*| in m/s^2 at inner frames.
+    """
+
+    names: tuple[str, ...]
+    raw: Float[np.ndarray, "frame joint"]
+    root_aligned: Float[np.ndarray, "frame joint"] | None
+    procrustes: Float[np.ndarray, "frame joint"]
+    offset_corrected: Float[np.ndarray, "frame joint"]
+    acceleration: Float[np.ndarray, "inner joint"]
+
+    def correct_keypoints(self, radius: float = 0.15) -> float:
+        """PCK: the share of raw distances below `radius` metres."""
+        return float(np.mean(self.raw[np.isfinite(self.raw)] < radius))
+
+
+def joint_errors(
+    motion: Motion,
+    truth: Float[np.ndarray, "frame joint 3"],
+    names: Sequence[str],
+    *,
+    joints: Sequence[str] | None = None,
+    truth_from_world: Similarity = IDENTITY,
+) -> JointErrors:
+    """Errors of the motion's joints against `truth` (metres, one row per frame, columns called `names`).
+
+    Compared are the joints both sides know, or exactly those in `joints`. `truth_from_world` brings the motion's
+    world to the truth's. Raises `InputError` if there are no common joints, a name in `joints` is unknown to either
+    side, or rows and frames do not match.
+    """
+    truth = np.asarray(truth, np.float64)
+    if truth.shape != (len(motion), len(names), 3):
+        raise InputError(
+            f"True joints have shape {truth.shape}; ({len(motion)}, {len(names)}, 3) was expected: frames, names, 3."
+        )
+    compared = _common_names(motion.joint_names, names, joints)
+    ours = [motion.joint_names.index(name) for name in compared]
+    found = truth_from_world(motion.joints[:, ours].astype(np.float64))
+    true = truth[:, [list(names).index(name) for name in compared]]
+    true = np.where(np.isfinite(true).all(-1, keepdims=True), true, np.nan)
+    if not np.isfinite(true).any():
+        raise InputError("No true joint is known in any of the evaluated frames.")
+
+    bodies = [motion.character.skeleton.landmark_bodies[joint] for joint in ours]
+    rotations = truth_from_world.rotation @ motion.body_transforms[:, bodies, :3, :3].astype(np.float64)
+    local = np.einsum("tjik,tji->tjk", rotations, true - found)
+    return JointErrors(
+        names=compared,
+        raw=_lengths(true - found),
+        root_aligned=_root_aligned(compared, found, true),
+        procrustes=np.stack([_after_procrustes(*frame) for frame in zip(found, true, strict=True)]),
+        offset_corrected=_lengths(local - _mean_over_frames(local)),
+        acceleration=_lengths(accelerations(true, motion.timestamps) - accelerations(found, motion.timestamps)),
+    )
+
+
+def accelerations(
+    positions: Float[np.ndarray, "frame joint 3"], timestamps: Float[np.ndarray, " frame"]
+) -> Float[np.ndarray, "inner joint 3"]:
+    """Second divided differences at inner frames, m/s^2; frames need not be evenly spaced."""
+    if len(positions) < 3:
+        return np.zeros((0, *positions.shape[1:]))
+    interval = np.diff(timestamps)[:, None, None]
+    velocity = np.diff(positions, axis=0) / interval
+    return 2 * np.diff(velocity, axis=0) / (interval[1:] + interval[:-1])
+
+
+def jitter(motion: Motion, scale: float = 1.0) -> dict[str, float]:
+    """Mean and 95th percentile of the joints' accelerations, m/s^2, in a world of `scale` metres per unit.
+
+    Less is smoother, not better: `JointErrors.acceleration` compares with the truth.
+    """
+    values = scale * _lengths(accelerations(motion.joints.astype(np.float64), motion.timestamps))
+    if values.size == 0:
+        return {"mean": 0.0, "p95": 0.0}
+    return {"mean": float(values.mean()), "p95": float(np.percentile(values, 95))}
+
+
+def _common_names(ours: Sequence[str], theirs: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
+    if wanted is not None:
+        for name in wanted:
+            for side, known in (("skeleton", ours), ("truth", theirs)):
+                if name not in known:
+                    raise InputError(f"The {side} has no joint {name!r}; it has {', '.join(known)}.")
+        return tuple(wanted)
+    common = tuple(name for name in ours if name in theirs and name in JOINTS)
+    if not common:
+        raise InputError(
+            f"The truth's joints ({', '.join(theirs)}) and the skeleton's ({', '.join(ours)}) have no name in common."
+        )
+    return common
+
+
+def _root_aligned(names: tuple[str, ...], found: np.ndarray, true: np.ndarray) -> np.ndarray | None:
+    roots = ("pelvis",) if "pelvis" in names else ("l_hip", "r_hip")
+    if not all(name in names for name in roots):
+        return None
+    index = [names.index(name) for name in roots]
+    shift = (true[:, index] - found[:, index]).mean(axis=1, keepdims=True)
+    return _lengths(true - found - shift)
+
+
+def _after_procrustes(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+    known = np.isfinite(true).all(-1)
+    if known.sum() < 3:
+        return np.full(len(true), np.nan)
+    return _lengths(true - fit_similarity(found[known], true[known])(found))
+
+
+def _mean_over_frames(values: np.ndarray) -> np.ndarray:
+    """Mean over the first axis of what is finite; NaN where nothing is."""
+    known = np.isfinite(values)
+    count = known.sum(0)
+    return np.where(count > 0, np.where(known, values, 0.0).sum(0) / np.maximum(count, 1), np.nan)
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(vectors, axis=-1)

@@ -1,0 +1,117 @@
+"""Ground truth on disk, read for evaluation only, and its values at the times of a result."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxmocap._results import InputError
+from jaxmocap.motion import Motion, read_npz
+
+_SAME_INSTANT = 0.02  # of a sample interval: nearer than this, a sample is taken as it is
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Markers and joints of a capture in metres on one time axis, NaN where not seen.
+
+    `times` are seconds since the first camera's first frame; None means one sample per frame of its video.
+    """
+
+    path: Path
+    times: Float[np.ndarray, " sample"] | None
+    markers: Float[np.ndarray, "sample marker 3"] | None
+    joints: Float[np.ndarray, "sample joint 3"] | None
+    joint_names: tuple[str, ...]
+    cam_from_world: Float[np.ndarray, "camera sample 4 4"] | None
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> "Truth":
+        """Read an npz with `markers` (N, M, 3), or `joints` (N, J, 3) and `joint_names`, or both; also `fps` or
+        `timestamps` (N,), and `cam_from_world` (C, N, 4, 4). `InputError` if it has neither or shapes disagree."""
+        path = Path(path)
+        arrays = read_npz(path)
+        markers, joints = arrays.get("markers"), arrays.get("joints")
+        if markers is None and joints is None:
+            raise InputError(f"The truth file {path} has neither markers nor joints; it needs one of them.")
+        lengths = {}
+        for name in ("markers", "joints"):
+            if name not in arrays:
+                continue
+            values = arrays[name]
+            if values.ndim != 3 or values.shape[2] != 3 or values.dtype.kind not in "fiu" or 0 in values.shape:
+                raise InputError(f"{path}: {name} has shape {values.shape}; (frames, points, 3) numbers were expected.")
+            lengths[name] = len(values)
+        names = tuple(str(name) for name in arrays.get("joint_names", ()))
+        if joints is not None and len(names) != joints.shape[1]:
+            raise InputError(f"{path} has {joints.shape[1]} joints and {len(names)} joint_names; they must be as many.")
+        cameras = arrays.get("cam_from_world")
+        if cameras is not None:
+            if cameras.ndim != 4 or cameras.shape[2:] != (4, 4):
+                raise InputError(
+                    f"{path}: cam_from_world has shape {cameras.shape}; (cameras, frames, 4, 4) was expected."
+                )
+            lengths["cam_from_world"] = cameras.shape[1]
+        times = _times(arrays, path, next(iter(lengths.values())))
+        if times is not None:
+            lengths["timestamps"] = len(times)
+        if len(set(lengths.values())) > 1:
+            found = ", ".join(f"{count} of {name}" for name, count in lengths.items())
+            raise InputError(f"{path} has different numbers of frames: {found}; they must be equal.")
+        return cls(path, times, markers, joints, names, cameras)
+
+    def at(self, motion: Motion) -> tuple["Truth", Motion]:
+        """Both at the instants they share: the truth interpolated to the motion's frames, other frames dropped.
+
+        Raises `InputError` if they share none.
+        """
+        count = len(next(values for values in (self.markers, self.joints) if values is not None))
+        if self.times is None:
+            times, wanted = np.arange(count, dtype=np.float64), motion.frames.astype(np.float64)
+        else:
+            times, wanted = self.times, motion.timestamps
+        slack = _SAME_INSTANT * (np.median(np.diff(times)) if count > 1 else 1.0)
+        shared = (wanted >= times[0] - slack) & (wanted <= times[-1] + slack)
+        if not shared.any():
+            unit = "frame" if self.times is None else "second"
+            raise InputError(
+                f"The truth {self.path} covers {unit}s {times[0]:g} to {times[-1]:g}, the result {wanted[0]:g} to "
+                f"{wanted[-1]:g}; they share none, so this is the truth of another capture."
+            )
+        wanted = wanted[shared]
+        pick = lambda values: None if values is None else sample(times, values, wanted)  # noqa: E731
+        cameras = None if self.cam_from_world is None else pick(self.cam_from_world.swapaxes(0, 1)).swapaxes(0, 1)
+        truth = Truth(self.path, wanted, pick(self.markers), pick(self.joints), self.joint_names, cameras)
+        return truth, motion if shared.all() else motion[shared]
+
+
+def sample(
+    times: Float[np.ndarray, " sample"], values: Float[np.ndarray, "sample *shape"], wanted: Float[np.ndarray, " frame"]
+) -> Float[np.ndarray, "frame *shape"]:
+    """Linear interpolation along the first axis; NaN stays NaN. A sample within 2 % of an interval is taken as it is,
+    and instants outside take the nearest sample."""
+    if len(times) == 1:
+        return np.repeat(values, len(wanted), axis=0)
+    position = np.interp(wanted, times, np.arange(len(times)))
+    position = np.where(np.abs(position - np.round(position)) < _SAME_INSTANT, np.round(position), position)
+    before = np.minimum(position.astype(int), len(times) - 1)
+    after = np.minimum(before + 1, len(times) - 1)
+    weight = (position - before).reshape(-1, *[1] * (values.ndim - 1))
+    first, second = np.asarray(values[before], np.float64), np.asarray(values[after], np.float64)
+    return np.where(weight == 0, first, (1 - weight) * first + weight * second)
+
+
+def _times(arrays: dict[str, np.ndarray], path: Path, count: int) -> np.ndarray | None:
+    if "timestamps" in arrays:
+        times = np.asarray(arrays["timestamps"], np.float64)
+        if times.ndim != 1 or not np.isfinite(times).all() or not (np.diff(times) > 0).all():
+            raise InputError(f"{path}: timestamps do not increase.")
+        return times
+    if "fps" not in arrays:
+        return None
+    fps = arrays["fps"]
+    if fps.size != 1 or fps.dtype.kind not in "fiu" or not 0 < float(fps.reshape(())) < 1e5:
+        raise InputError(f"{path}: fps is {fps}; one positive number was expected.")
+    return np.arange(count) / float(fps.reshape(()))

@@ -1,0 +1,220 @@
+"""The record of a tracked motion: what was found, how sure we are, and how it came about."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras
+from jaxmocap.character import Character, Pose, body_transforms, landmark_positions, pose_vector, skin
+
+STATUSES = ("ok", "doubtful", "lost")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The motion of one character over T frames. Arrays are NumPy, read-only; lengths in metres, angles in radians.
+
+    `root` is `world_from_body` and `angles` the 33 joint angles: together the pose of Eq. 2. `frames` are frame numbers
+    of the first camera's video and `timestamps` their times in seconds since its first frame. `joints` are the skeleton's
+    landmarks, named by `joint_names`; `confidence` in [0, 1] is theirs. `energy` holds each term's value per frame, NaN
+    where it was not evaluated. `status` says per frame "ok", "doubtful" or "lost". `cameras`, when known, has the frame
+    axis of this motion. `provenance` holds whatever tells how it was made, as JSON knows it; the key
+    `seconds_per_frame` is read by `evaluate`. `up` is the world's vertical axis, "y" or "z".
+
+    Raises `InputError` if shapes disagree, a pose is not finite or rigid, frames or timestamps do not increase, or a
+    status is unknown.
+    """
+
+    character: Character
+    root: Float[np.ndarray, "frame 4 4"]
+    angles: Float[np.ndarray, "frame 33"]
+    frames: Int[np.ndarray, " frame"]
+    timestamps: Float[np.ndarray, " frame"]
+    joints: Float[np.ndarray, "frame joint 3"]
+    confidence: Float[np.ndarray, "frame joint"]
+    status: np.ndarray
+    energy: Mapping[str, Float[np.ndarray, " frame"]] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    cameras: Cameras | None = None
+    up: str = "y"
+
+    def __post_init__(self) -> None:
+        dtypes = {"root": np.float32, "angles": np.float32, "frames": np.int64, "timestamps": np.float64}
+        dtypes |= {"joints": np.float32, "confidence": np.float32, "status": np.str_}
+        for name, dtype in dtypes.items():
+            object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
+        object.__setattr__(
+            self, "energy", {name: _frozen(values, np.float32) for name, values in sorted(self.energy.items())}
+        )
+        _validate(self)
+
+    @classmethod
+    def from_poses(
+        cls,
+        character: Character,
+        poses: Pose,
+        frames: Sequence[int] | np.ndarray,
+        timestamps: Sequence[float] | np.ndarray,
+        *,
+        confidence: np.ndarray | None = None,
+        status: Sequence[str] | np.ndarray | None = None,
+        energy: Mapping[str, np.ndarray] | None = None,
+        provenance: Mapping[str, Any] | None = None,
+        cameras: Cameras | None = None,
+        up: str = "y",
+    ) -> Self:
+        """A motion from stacked poses; `joints` are computed. Confidence defaults to 1 and status to "ok".
+
+        `cameras` have the frame axis of the poses; `cameras_at` takes those out of a whole capture's.
+        """
+        joints = np.asarray(_joints(character.skeleton, poses))
+        return cls(
+            character=character,
+            root=np.asarray(poses.root),
+            angles=np.asarray(poses.angles),
+            frames=np.asarray(frames),
+            timestamps=np.asarray(timestamps),
+            joints=joints,
+            confidence=np.ones(joints.shape[:2]) if confidence is None else confidence,
+            status=np.full(len(joints), "ok") if status is None else np.asarray(status),
+            energy=energy or {},
+            provenance=provenance or {},
+            cameras=cameras,
+            up=up,
+        )
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, selection: slice | np.ndarray) -> "Motion":
+        """The motion at some of its frames: a slice, increasing positions, or a boolean mask."""
+        if not isinstance(selection, slice):
+            selection = np.asarray(selection)
+        names = ("root", "angles", "frames", "timestamps", "joints", "confidence", "status")
+        chosen: dict[str, Any] = {name: getattr(self, name)[selection] for name in names}
+        chosen["energy"] = {name: values[selection] for name, values in self.energy.items()}
+        if self.cameras is not None:
+            chosen["cameras"] = cameras_at(self.cameras, np.arange(len(self))[selection])
+        return replace(self, **chosen)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the J landmarks in `joints` and `confidence`."""
+        return self.character.skeleton.landmark_names
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """Names of the 39 degrees of freedom in `pose_vectors`."""
+        return self.character.skeleton.dof_names
+
+    @property
+    def poses(self) -> Pose:
+        """All poses, stacked along the first axis."""
+        return Pose(root=jnp.asarray(self.root), angles=jnp.asarray(self.angles))
+
+    def pose(self, index: int) -> Pose:
+        """The pose at position `index` of this motion."""
+        return Pose(root=jnp.asarray(self.root[index]), angles=jnp.asarray(self.angles[index]))
+
+    def vertices(self, index: int) -> Float[np.ndarray, "vertex 3"]:
+        """The skinned mesh (Eq. 1) at position `index` of this motion, metres."""
+        return np.asarray(_skin(self.character, self.pose(index)))
+
+    @cached_property
+    def pose_vectors(self) -> Float[np.ndarray, "frame dof"]:
+        """Each pose as the 39-vector that `retract` applies to the rest pose; columns are `dof_names`."""
+        return np.asarray(_pose_vectors(self.character.skeleton, self.poses))
+
+    @cached_property
+    def body_transforms(self) -> Float[np.ndarray, "frame bone 4 4"]:
+        """`world_from_rest` of the 18 bodies in every frame (Eq. 2)."""
+        return np.asarray(_transforms(self.character.skeleton, self.poses))
+
+    @property
+    def seconds_per_interval(self) -> float:
+        """Median time between two frames, seconds; 0 for a single frame."""
+        return float(np.median(np.diff(self.timestamps))) if len(self) > 1 else 0.0
+
+    def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write `motion.npz` and `report.json` into `folder`, atomically; see `motion/_storage.py` for the schema.
+
+        Raises `InputError` if the folder holds a `motion.npz` already and `overwrite` is false.
+        """
+        from ._storage import save
+
+        return save(self, folder, overwrite=overwrite)
+
+    @classmethod
+    def load(cls, folder: str | os.PathLike[str]) -> "Motion":
+        """Read a result folder, or its `motion.npz`. `InputError` if it is none, is damaged, or is too new for us."""
+        from ._storage import load
+
+        return load(folder)
+
+
+_skin = jax.jit(skin)
+_joints = jax.jit(jax.vmap(landmark_positions, in_axes=(None, 0)))
+_transforms = jax.jit(jax.vmap(body_transforms, in_axes=(None, 0)))
+_pose_vectors = jax.jit(jax.vmap(pose_vector, in_axes=(None, 0)))
+
+
+def _frozen(values: Any, dtype: Any) -> np.ndarray:
+    try:
+        array = np.array(values, dtype=dtype)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"A motion's array cannot be read as {np.dtype(dtype).name} ({error}).") from error
+    array.setflags(write=False)
+    return array
+
+
+def cameras_at(cameras: Cameras, positions: Sequence[int] | np.ndarray) -> Cameras:
+    """The cameras at some positions of their frame axis. `InputError` if they do not reach that far."""
+    positions = np.asarray(positions)
+    if len(positions) and positions.max() >= cameras.num_frames:
+        raise InputError(f"Frame {positions.max()} has no camera pose: the cameras cover {cameras.num_frames} frames.")
+    return replace(cameras, cam_from_world=cameras.cam_from_world[:, positions])
+
+
+def _validate(motion: Motion) -> None:
+    frames, joints = len(motion.frames), len(motion.joint_names)
+    if frames == 0:
+        raise InputError("A motion needs at least one frame; none were given.")
+    expected = {"root": (frames, 4, 4), "angles": (frames, len(motion.character.skeleton.dof_body))}
+    expected |= {"frames": (frames,), "timestamps": (frames,), "status": (frames,)}
+    expected |= {"joints": (frames, joints, 3), "confidence": (frames, joints)}
+    arrays: dict[str, np.ndarray] = {name: getattr(motion, name) for name in expected}
+    for name, values in motion.energy.items():
+        arrays[f"energy_{name}"], expected[f"energy_{name}"] = values, (frames,)
+    if motion.cameras is not None:
+        arrays["cam_from_world"] = np.asarray(motion.cameras.cam_from_world)
+        expected["cam_from_world"] = (len(motion.cameras.names), frames, 4, 4)
+    for name, shape in expected.items():
+        if arrays[name].shape != shape:
+            raise InputError(f"The motion's {name} has shape {arrays[name].shape}; {shape} was expected.")
+    for name in ("root", "angles", "timestamps", "joints", "confidence", "cam_from_world"):
+        if name in arrays and not np.isfinite(arrays[name]).all():
+            where = np.argwhere(~np.isfinite(arrays[name]))[0]
+            raise InputError(f"The motion's {name} holds a number that is not finite, at {tuple(map(int, where))}.")
+    for name in ("frames", "timestamps"):
+        if frames > 1 and not (np.diff(arrays[name]) > 0).all():
+            raise InputError(f"The motion's {name} do not increase; every frame must come once, in order of time.")
+    unknown = sorted(set(motion.status.tolist()) - set(STATUSES))
+    if unknown:
+        raise InputError(f"The motion's status holds {unknown[0]!r}; one of {', '.join(STATUSES)} was expected.")
+    rotation = motion.root[:, :3, :3].astype(np.float64)
+    drift = np.abs(rotation @ rotation.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
+    last_row = np.abs(motion.root[:, 3] - [0, 0, 0, 1]).max(axis=1)
+    broken = np.flatnonzero((drift > 1e-2) | (last_row > 1e-3) | (np.linalg.det(rotation) < 0))
+    if len(broken):
+        raise InputError(f"The motion's root at frame {motion.frames[broken[0]]} is not a rigid transform.")
+    if motion.up not in ("y", "z"):
+        raise InputError(f"The motion's vertical axis is {motion.up!r}; 'y' or 'z' was expected.")

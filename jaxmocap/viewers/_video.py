@@ -1,0 +1,85 @@
+"""H.264 video, written frame by frame at the frames' own times."""
+
+import contextlib
+import os
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+from jaxtyping import UInt8
+
+from jaxmocap._results import InputError
+from jaxmocap.motion import atomic_path
+
+_TIME_BASE = Fraction(1, 90000)
+_NOMINAL_RATE = Fraction(30)  # only a hint for the encoder and in the header; the frames carry their times
+
+
+class VideoWriter:
+    """H.264 in an MP4 file at the timestamps given, in seconds; yuv420p, so odd sizes repeat their last row or column.
+
+    Use through `open_video`. Raises `InputError` if times do not increase or the size changes.
+    """
+
+    def __init__(self, container: av.container.OutputContainer, path: Path, quality: int):
+        self._container, self._path, self._quality = container, path, quality
+        self._stream = None
+        self._shape: tuple[int, ...] = ()
+        self._last = -1
+        self._start = 0.0
+
+    def write(self, seconds: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
+        """Append an RGB image. The first image's time becomes the start of the video."""
+        if self._stream is None:
+            self._shape, self._start = image.shape, seconds
+            self._stream = self._container.add_stream("libx264", rate=_NOMINAL_RATE, options=self._options())
+            self._stream.width, self._stream.height = _even(image.shape[1]), _even(image.shape[0])
+            self._stream.pix_fmt = "yuv420p"
+            self._stream.time_base = self._stream.codec_context.time_base = _TIME_BASE
+        if image.shape != self._shape:
+            raise InputError(f"{self._path}: an image of shape {image.shape} follows images of shape {self._shape}.")
+        ticks = round((seconds - self._start) / _TIME_BASE)
+        if ticks <= self._last:
+            raise InputError(f"{self._path}: the frame at {seconds:g} s does not come after the one before it.")
+        self._last = ticks
+        padding = ((0, self._stream.height - image.shape[0]), (0, self._stream.width - image.shape[1]), (0, 0))
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(np.pad(image, padding, mode="edge")), format="rgb24")
+        frame.pts, frame.time_base = ticks, _TIME_BASE
+        self._container.mux(self._stream.encode(frame))
+
+    def finish(self) -> None:
+        """Flush the encoder."""
+        if self._stream is None:
+            raise InputError(f"{self._path}: a video needs at least one frame; none were given.")
+        self._container.mux(self._stream.encode())
+
+    def _options(self) -> dict[str, str]:
+        return {"crf": str(self._quality), "preset": "veryfast"}
+
+
+@contextlib.contextmanager
+def open_video(path: str | os.PathLike[str], *, quality: int = 20) -> Iterator[VideoWriter]:
+    """A writer for the MP4 file `path`, which appears when the block ends well and not at all when it raises.
+
+    `quality` is x264's constant rate factor: less is better and larger.
+    """
+    path = Path(path)
+    try:
+        with atomic_path(path) as temporary, av.open(str(temporary), "w", format="mp4") as container:
+            writer = VideoWriter(container, path, quality)
+            yield writer
+            writer.finish()
+    except OSError as error:
+        raise InputError(f"The video {path} cannot be written ({error.strerror or error}).") from error
+
+
+def write_overlay_video(
+    path: str | os.PathLike[str], frames: Iterable[tuple[float, UInt8[np.ndarray, "height width 3"]]]
+) -> Path:
+    """Write `(seconds, RGB image)` pairs as H.264, one at a time, keeping their times; returns the path."""
+    with open_video(path) as writer:
+        for seconds, image in frames:
+            writer.write(seconds, image)
+    return Path(path)
