@@ -1,0 +1,34 @@
+from ._appearance import (
+    Appearance as Appearance,
+    AppearanceSettings as AppearanceSettings,
+    fit_appearance as fit_appearance,
+)
+from ._background import (
+    BackgroundModel as BackgroundModel,
+    background_distance as background_distance,
+    fit_background as fit_background,
+    nearest_selected as nearest_selected,
+)
+from ._background_grid import (
+    GridSettings as GridSettings,
+    grid_ids as grid_ids,
+    grid_triangles as grid_triangles,
+    grid_vertices as grid_vertices,
+    similarity_residuals as similarity_residuals,
+)
+from ._colour_model import ColourModel as ColourModel, ColourSettings as ColourSettings, psi as psi
+from ._fit_colours import fit_colour_models as fit_colour_models
+from ._foreground import (
+    ForegroundModel as ForegroundModel,
+    ForegroundSettings as ForegroundSettings,
+    fit_foreground as fit_foreground,
+)
+from ._palette import (
+    Palette as Palette,
+    fit_palette as fit_palette,
+    label_image as label_image,
+    palette_error as palette_error,
+    palette_from_colours as palette_from_colours,
+    psi_table as psi_table,
+)
+from ._warp import GridWarp as GridWarp, WarpSettings as WarpSettings, warp_grid as warp_grid

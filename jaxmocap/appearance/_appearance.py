@@ -1,0 +1,196 @@
+"""The Appearance record: what the person and the surroundings look like to every camera."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
+
+from jaxmocap._results import InputError
+
+from ._background import BackgroundModel, fit_background, nearest_selected
+from ._background_grid import GridSettings
+from ._colour_model import ColourModel, ColourSettings
+from ._foreground import ForegroundModel, ForegroundSettings, fit_foreground
+from ._palette import Palette, fit_palette, palette_from_colours, psi_table
+from ._warp import WarpSettings
+
+FORMAT = 1
+"""Version of the stored form."""
+
+
+class AppearanceSettings(eqx.Module):
+    """All settings of the appearance stage. `palette_size` is the number of colours of the psi tables."""
+
+    colour: ColourSettings = eqx.field(default_factory=ColourSettings)
+    grid: GridSettings = eqx.field(default_factory=GridSettings)
+    warp: WarpSettings = eqx.field(default_factory=WarpSettings)
+    foreground: ForegroundSettings = eqx.field(default_factory=ForegroundSettings)
+    palette_size: int = eqx.field(static=True, default=1024)
+
+
+class Appearance(eqx.Module):
+    """Appearance models of a capture (Sec. 3.2).
+
+    `background` has leading axes (camera, selected frame). `sizes` are (width, height) per camera as in `Cameras`,
+    `selected_frames` is Gamma of the paper.
+    """
+
+    foreground: ForegroundModel
+    background: BackgroundModel
+    palette: Palette
+    settings: AppearanceSettings
+    selected_frames: tuple[int, ...] = eqx.field(static=True)
+    sizes: tuple[tuple[int, int], ...] = eqx.field(static=True)
+
+    def selected_for(self, frame: int) -> tuple[int, ...]:
+        """Positions in `selected_frames` of the background models that serve a frame."""
+        return nearest_selected(frame, self.selected_frames, self.settings.grid.blend)
+
+    def foreground_table(self, camera: int, dtype: Any = jnp.float16) -> Float[Array, "face colour"]:
+        """psi_f of every triangle at every palette colour, for one camera."""
+        return psi_table(self.foreground.camera(camera), self.palette, self.settings.colour, dtype)
+
+    def background_table(self, camera: int, selected: int, dtype: Any = jnp.float16) -> Float[Array, "triangle colour"]:
+        """psi_b of every grid triangle at every palette colour, for one camera and selected frame."""
+        return psi_table(self.background[camera, selected].colours, self.palette, self.settings.colour, dtype)
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Plain arrays for `numpy.savez`; the settings as JSON text. `from_arrays` reads them back."""
+        arrays = {
+            "format": np.asarray(FORMAT),
+            "selected_frames": np.asarray(self.selected_frames),
+            "sizes": np.asarray(self.sizes),
+            "settings": np.asarray(json.dumps(_plain(self.settings))),
+            "palette": np.asarray(self.palette.colours),
+            "background.source": np.asarray(self.background.source),
+            "foreground.pixel_counts": np.asarray(self.foreground.pixel_counts),
+            "foreground.source": np.asarray(self.foreground.source),
+        }
+        for name, model in (("foreground", self.foreground.colours), ("background", self.background.colours)):
+            arrays |= {f"{name}.{field.name}": np.asarray(getattr(model, field.name)) for field in fields(model)}
+        return arrays
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "Appearance":
+        """The record that `to_arrays` wrote. Raises `InputError` for another version or a missing array."""
+        if "format" not in arrays or int(arrays["format"]) != FORMAT:
+            found = int(arrays["format"]) if "format" in arrays else "none"
+            raise InputError(f"The stored appearance has format {found}, this version reads {FORMAT}; fit it again.")
+        try:
+            models = {
+                name: ColourModel(*(jnp.asarray(arrays[f"{name}.{field.name}"]) for field in fields(ColourModel)))
+                for name in ("foreground", "background")
+            }
+            return cls(
+                ForegroundModel(
+                    models["foreground"],
+                    jnp.asarray(arrays["foreground.pixel_counts"]),
+                    jnp.asarray(arrays["foreground.source"]),
+                ),
+                BackgroundModel(models["background"], jnp.asarray(arrays["background.source"])),
+                palette_from_colours(arrays["palette"]),
+                _settings_from(AppearanceSettings, json.loads(str(arrays["settings"]))),
+                tuple(int(frame) for frame in arrays["selected_frames"]),
+                tuple((int(width), int(height)) for width, height in arrays["sizes"]),
+            )
+        except KeyError as missing:
+            raise InputError(f"The stored appearance lacks the array {missing}; fit it again.") from missing
+
+
+def fit_appearance(
+    ids: Sequence[Sequence[Int[np.ndarray, "height width"]]],
+    images: Sequence[Sequence[UInt8[np.ndarray, "height width 3"]]],
+    facing: Sequence[Sequence[Float[np.ndarray, "..."]]],
+    faces: Int[np.ndarray, "face 3"],
+    selected_frames: Sequence[int],
+    *,
+    key: PRNGKeyArray,
+    masks: Sequence[Sequence[Bool[np.ndarray, "height width"] | None]] | None = None,
+    settings: AppearanceSettings | None = None,
+) -> Appearance:
+    """Learn all appearance models from the selected frames (Sec. 3.2).
+
+    `ids[n][m]`, `images[n][m]`, `facing[n][m]` and `masks[n][m]` are those of camera m in the n-th selected frame, each
+    of the whole image: rendered triangle per pixel, image, cosine of normal and view direction (per face or pixel) and
+    person mask. Without a mask the rendered silhouette takes its place.
+    """
+    settings = AppearanceSettings() if settings is None else settings
+    num_cameras = len(ids[0])
+    foreground_key, background_key = jax.random.split(key)
+    foreground = fit_foreground(
+        ids,
+        images,
+        facing,
+        faces,
+        key=foreground_key,
+        silhouettes=masks,
+        settings=settings.foreground,
+        colour=settings.colour,
+    )
+    person = [
+        [_person(ids[n][m], None if masks is None else masks[n][m]) for m in range(num_cameras)]
+        for n in range(len(selected_frames))
+    ]
+    backgrounds = [
+        [
+            fit_background(
+                images[n][m],
+                person[n][m],
+                key=jax.random.fold_in(background_key, m * len(selected_frames) + n),
+                grid=settings.grid,
+                colour=settings.colour,
+            )
+            for n in range(len(selected_frames))
+        ]
+        for m in range(num_cameras)
+    ]
+    stack = lambda *leaves: jnp.stack(leaves)  # noqa: E731
+    background = jax.tree.map(stack, *[jax.tree.map(stack, *camera) for camera in backgrounds])
+    pixels = [_palette_pixels(images[n][m], person[n][m]) for n in range(len(images)) for m in range(num_cameras)]
+    return Appearance(
+        foreground,
+        background,
+        fit_palette(np.concatenate(pixels), settings.palette_size),
+        settings,
+        tuple(int(frame) for frame in selected_frames),
+        tuple((image.shape[1], image.shape[0]) for image in images[0]),
+    )
+
+
+def _person(ids: np.ndarray, mask: np.ndarray | None) -> Bool[np.ndarray, "height width"]:
+    return np.asarray(ids) >= 0 if mask is None else np.asarray(mask) != 0
+
+
+def _palette_pixels(image: np.ndarray, person: np.ndarray) -> UInt8[np.ndarray, "pixel 3"]:
+    """A sample in which the person has as many pixels as the background."""
+    sides = [image[side] for side in (person, ~person) if side.any()]
+    return np.concatenate([side[np.arange(10_000) * len(side) // 10_000] for side in sides])
+
+
+def _plain(settings: eqx.Module) -> dict[str, Any]:
+    """Settings as nested dictionaries of JSON values."""
+    plain: dict[str, Any] = {}
+    for field in fields(settings):
+        value = getattr(settings, field.name)
+        if isinstance(value, eqx.Module):
+            plain[field.name] = _plain(value)
+        else:
+            plain[field.name] = float(value) if isinstance(value, jax.Array) else value
+    return plain
+
+
+def _settings_from(kind: type, plain: Mapping[str, Any]) -> Any:
+    defaults = kind()
+    values = {}
+    for name, value in plain.items():
+        default = getattr(defaults, name)
+        if isinstance(default, eqx.Module):
+            value = _settings_from(type(default), value)
+        values[name] = tuple(value) if isinstance(value, list) else value
+    return kind(**values)

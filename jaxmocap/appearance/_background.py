@@ -1,0 +1,145 @@
+"""The background model of a selected frame, and how far a later image is from it (psi_b)."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
+from scipy.ndimage import distance_transform_edt
+from scipy.spatial import cKDTree
+
+from jaxmocap._results import InputError
+
+from ._background_grid import GridSettings, grid_ids, grid_triangles, grid_vertices
+from ._colour_model import ColourModel, ColourSettings, psi
+from ._fit_colours import fit_colour_models
+from ._palette import Palette, label_image
+
+EXACT_CHUNK = 1 << 16
+"""Pixels per compiled call of the exact distance."""
+
+
+class BackgroundModel(eqx.Module):
+    """Colour models of the grid's triangles in one selected frame; with leading axes, of every camera and frame.
+
+    `source` is the triangle a model was learnt in: its own index, or that of the nearest triangle with enough pixels.
+    """
+
+    colours: ColourModel
+    source: Int[Array, "*batch triangle"]
+
+    def __getitem__(self, index: int | tuple[int, ...] | Int[np.ndarray, "..."]) -> "BackgroundModel":
+        """Model at an index of the leading axes, `model[camera, selected]`."""
+        return jax.tree.map(lambda leaf: leaf[index], self)
+
+
+def fit_background(
+    image: UInt8[np.ndarray, "height width 3"],
+    person_mask: Bool[np.ndarray, "height width"] | None,
+    *,
+    key: PRNGKeyArray,
+    grid: GridSettings | None = None,
+    colour: ColourSettings | None = None,
+) -> BackgroundModel:
+    """Background model of one camera at one selected frame (Sec. 3.2, Fig. 4).
+
+    Pixels of the person mask, grown by `grid.mask_dilation`, are left out; `None`: nobody is in the image. A triangle
+    with fewer than `grid.min_pixels` others copies the nearest triangle that has a model. Raises `InputError` if the
+    mask leaves none.
+    """
+    grid = GridSettings() if grid is None else grid
+    height, width = image.shape[:2]
+    vertices = grid_vertices(height, width, grid.rows, grid.columns)
+    triangles = grid_triangles(grid.rows, grid.columns)
+    ids = grid_ids(vertices, height, width, grid)
+    if person_mask is not None and np.any(person_mask):
+        near = distance_transform_edt(np.asarray(person_mask) == 0) <= grid.mask_dilation
+        ids = np.where(near, -1, ids)
+    counts = np.bincount(ids[ids >= 0], minlength=len(triangles))
+    enough = counts >= grid.min_pixels
+    if not enough.any():
+        raise InputError(
+            f"The person mask leaves no background: no triangle of the {grid.rows} x {grid.columns} grid keeps "
+            f"{grid.min_pixels} pixels; check that the mask is white on the person only."
+        )
+    colours = fit_colour_models(
+        ids, image, len(triangles), key=key, settings=colour, min_pixels=max(grid.min_pixels, 1)
+    )
+    centres = vertices[triangles].mean(axis=1)
+    source = np.flatnonzero(enough)[cKDTree(centres[enough]).query(centres)[1]]
+    source[enough] = np.flatnonzero(enough)
+    return BackgroundModel(colours, jnp.arange(len(triangles)))[source]
+
+
+def background_distance(
+    model: BackgroundModel,
+    vertices: Float[np.ndarray, "vertex 2"],
+    image: UInt8[np.ndarray, "height width 3"],
+    *,
+    origin: tuple[int, int] = (0, 0),
+    grid: GridSettings | None = None,
+    colour: ColourSettings | None = None,
+    rest: Float[np.ndarray, "vertex 2"] | None = None,
+    palette: Palette | None = None,
+    table: Float[np.ndarray, "triangle colour"] | None = None,
+    labels: Int[np.ndarray, "height width"] | None = None,
+) -> Float[np.ndarray, "height width"]:
+    """psi_b of every pixel of a window: the distance of Eq. 3 to the model of the warped triangle that covers it.
+
+    `vertices` is the grid of the selected frame warped to this frame (`GridWarp.vertices`, with `GridWarp.rest` to
+    settle fold-overs), `image` the window of the frame, `origin` the (y, x) of its first pixel in the whole image. With
+    `table` (`psi_table` of this model) and `palette` (or ready `labels` of the window) a look-up replaces Gaussians.
+    """
+    height, width = image.shape[:2]
+    ids = grid_ids(vertices, height, width, grid, rest=rest, origin=origin)
+    colour = ColourSettings() if colour is None else colour
+    if table is None:
+        return _exact(model, ids, image, colour)
+    if labels is None:
+        if palette is None:
+            raise ValueError("background_distance needs the palette of the table, or the labels of the window.")
+        labels = np.asarray(label_image(palette, image))
+    looked_up = np.asarray(table)[np.maximum(ids, 0), labels].astype(np.float32)
+    return np.where(ids >= 0, looked_up, np.float32(colour.tau))
+
+
+@eqx.filter_jit
+def _psi_chunk(model: ColourModel, ids: Array, colours: Array, settings: ColourSettings) -> Array:
+    return psi(model, ids, colours.astype(jnp.float32) / 255, settings)
+
+
+def _exact(
+    model: BackgroundModel, ids: np.ndarray, image: np.ndarray, settings: ColourSettings
+) -> Float[np.ndarray, "height width"]:
+    count = ids.size
+    padded = -(-count // EXACT_CHUNK) * EXACT_CHUNK
+    flat_ids = np.full(padded, -1, np.int32)
+    flat_ids[:count] = ids.ravel()
+    flat = np.zeros((padded, 3), np.uint8)
+    flat[:count] = image.reshape(-1, 3)
+    parts = [
+        np.asarray(_psi_chunk(model.colours, flat_ids[i : i + EXACT_CHUNK], flat[i : i + EXACT_CHUNK], settings))
+        for i in range(0, padded, EXACT_CHUNK)
+    ]
+    return np.concatenate(parts)[:count].reshape(ids.shape)
+
+
+def nearest_selected(
+    frame: int, selected: Sequence[int], blend: Literal["nearest", "min"] = "nearest"
+) -> tuple[int, ...]:
+    """Positions in `selected` of the frames whose background model serves `frame` (t^ of Sec. 4.1).
+
+    `"nearest"`: the one closest in time, the earlier one on a tie. `"min"`: the last one before and the first one
+    after, of which the smaller psi_b is taken, so that nothing jumps midway.
+    """
+    if len(selected) == 0:
+        raise InputError("No frame is selected; name at least one in selected_frames.")
+    order = sorted(range(len(selected)), key=lambda n: (abs(selected[n] - frame), selected[n]))
+    if blend == "nearest" or selected[order[0]] == frame:
+        return (order[0],)
+    before = [n for n in order if selected[n] < frame]
+    after = [n for n in order if selected[n] > frame]
+    return tuple(side[0] for side in (before, after) if side)
