@@ -3,4 +3,4 @@
 from ._cameras import Cameras as Cameras, View as View
 from ._colmap import write_colmap_text as write_colmap_text
 from ._projection import pixel_rays as pixel_rays, project as project, triangulate as triangulate
-from ._read import read_cameras as read_cameras
+from ._read import examine_cameras as examine_cameras, ranges as ranges, read_cameras as read_cameras

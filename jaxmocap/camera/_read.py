@@ -11,11 +11,9 @@ from jaxmocap._results import InputError
 from ._calibration_toml import read_calibration_toml
 from ._cameras import Cameras
 from ._colmap import ColmapModel, colmap_files, intrinsics_of, read_colmap
+from ._plausibility import intrinsics_problems, rotation_problem, scale_problem
 
 _QUATERNION_TOLERANCE = 1e-3
-_FARTHEST_APART = 100.0  # metres between two cameras that film one person
-_FARTHEST_FROM_ORIGIN = 1000.0
-_NEAREST_APART = 0.005
 
 
 def ranges(frames: Sequence[int]) -> str:
@@ -81,7 +79,7 @@ def _rotation(quaternion: np.ndarray, where: str) -> np.ndarray:
     return Rotation.from_quat(quaternion[[1, 2, 3, 0]]).as_matrix()
 
 
-def _from_colmap(model: ColmapModel, names: tuple[str, ...], frames: np.ndarray) -> tuple[list, np.ndarray, np.ndarray]:
+def _from_colmap(model: ColmapModel, names: tuple[str, ...], frames: np.ndarray) -> tuple[list, np.ndarray]:
     found = _images_by_frame(model, names)
     _check_coverage(model, found, frames)
     cameras = []
@@ -109,66 +107,71 @@ def _from_colmap(model: ColmapModel, names: tuple[str, ...], frames: np.ndarray)
         camera = next(iter(used))
         where = f"{model.cameras_file} camera {name}"
         cameras.append((camera.size, *intrinsics_of(camera, where), where))
-    return cameras, poses, frames
+    return cameras, poses
 
 
-def _check_intrinsics(size: tuple[int, int], video: tuple[int, int] | None, k: np.ndarray, d: np.ndarray, where: str):
-    if not (np.isfinite(k).all() and np.isfinite(d).all()):
-        raise InputError(f"{where}: focal lengths, principal point and distortion must be finite numbers")
-    if k[0, 0] == 0 or k[1, 1] == 0:
-        raise InputError(f"{where}: the focal length is 0; expected pixels, about the width of the image")
-    if k[0, 0] < 0 or k[1, 1] < 0:
-        raise InputError(
-            f"{where}: the focal lengths {k[0, 0]:g} and {k[1, 1]:g} mirror the image; both must be positive, with x "
-            "to the right, y down and z forward (OpenGL and Blender look along -z: turn those by 180 degrees about x)"
+def _from_toml(path: Path, names: tuple[str, ...], sizes: Sequence[tuple[int, int]] | None) -> tuple[list, np.ndarray]:
+    cameras = read_calibration_toml(path, names)
+    described = [
+        (
+            camera.size or (sizes[i] if sizes else (0, 0)),
+            camera.intrinsics,
+            camera.distortion,
+            f"{path.name} camera {name}",
         )
-    if video is not None and size != video:
-        hint = "; the sides are swapped: was the calibration made before the video was turned?" * (size == video[::-1])
+        for i, (name, camera) in enumerate(zip(names, cameras, strict=True))
+    ]
+    return described, np.stack([camera.cam_from_world for camera in cameras])[:, None]
+
+
+def _load(
+    path: Path, names: tuple[str, ...], sizes: Sequence[tuple[int, int]] | None, frames: np.ndarray
+) -> tuple[list, np.ndarray]:
+    """Per camera (size, K, distortion, where it says so), and poses (camera, frame or 1, 4, 4) in the file's units."""
+    folder = path.parent if path.name in ("cameras.txt", "cameras.bin", "images.txt", "images.bin") else path
+    files = colmap_files(folder)
+    if files is not None:
+        return _from_colmap(read_colmap(*files), names, frames)
+    if path.is_file():
+        return _from_toml(path, names, sizes)
+    if path.is_dir():
+        inside = sorted(item.name for item in path.iterdir())[:6]
         raise InputError(
-            f"{where} is calibrated for {size[0]}x{size[1]} pixels, but its video has {video[0]}x{video[1]}{hint}"
+            f"{path.name}/ holds no COLMAP model; expected cameras.txt and images.txt, or cameras.bin and images.bin, "
+            f"found {', '.join(inside) or 'nothing'}"
         )
+    raise InputError(f"{path.name} does not exist; expected a COLMAP model folder or a calibration TOML")
 
 
-def _check_rotation(rotation: np.ndarray, where: str) -> None:
-    if not np.isfinite(rotation).all():
-        raise InputError(f"{where}: the rotation is not finite")
-    if np.linalg.det(rotation) < 0:
-        raise InputError(
-            f"{where}: the rotation has determinant {np.linalg.det(rotation):.3g}, a mirrored camera; expected +1: one "
-            "axis is flipped between the calibration's world and a right-handed one"
-        )
-    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if error > _QUATERNION_TOLERANCE:
-        raise InputError(f"{where}: the rotation matrix is not orthonormal (off by {error:.3g})")
-
-
-def _check_scale(poses: np.ndarray, names: tuple[str, ...], label: str, metres_per_unit: float) -> None:
-    """Two cameras that film one person stand centimetres to tens of metres apart: other distances are other units."""
-    if not np.isfinite(poses).all():
-        raise InputError(f"{label}: a translation is not finite")
-    centres = -np.einsum("ctji,ctj->cti", poses[..., :3, :3], poses[..., :3, 3])
-    units = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres"}.get(metres_per_unit, "its units")
-    for first in range(len(names)):
-        for second in range(first + 1, len(names)):
-            apart = float(np.median(np.linalg.norm(centres[first] - centres[second], axis=-1)))
-            if apart > _FARTHEST_APART:
-                guess = "millimetres" if apart > 500 else "centimetres"
-                raise InputError(
-                    f"{label}: {names[first]} and {names[second]} are {apart:.0f} m apart when read in {units}, which "
-                    f'looks like {guess}: set units = "{guess}" in capture.toml'
-                )
-            if apart < _NEAREST_APART and metres_per_unit < 1:
-                raise InputError(
-                    f"{label}: {names[first]} and {names[second]} are {1000 * apart:.2g} mm apart when read in "
-                    f'{units}, which looks like metres: set units = "metres" in capture.toml'
-                )
-    farthest = np.linalg.norm(poses[..., :3, 3], axis=-1).max(axis=1)
-    if farthest.max() > _FARTHEST_FROM_ORIGIN:
-        name = names[int(farthest.argmax())]
-        raise InputError(
-            f"{label}: {name} is {farthest.max():.0f} m from the world's origin when read in {units}, which looks like "
-            "millimetres or map coordinates: set units in capture.toml, or move the origin to the scene"
-        )
+def examine_cameras(
+    path: Path,
+    names: Sequence[str],
+    num_frames: int,
+    sizes: Sequence[tuple[int, int]] | None = None,
+    frames: np.ndarray | None = None,
+    metres_per_unit: float = 1.0,
+) -> tuple[Cameras, list[str]]:
+    """As `read_cameras`, but cameras that cannot be true are returned with sentences that say why."""
+    path, names = Path(path), tuple(names)
+    frames = np.tile(np.arange(num_frames), (len(names), 1)) if frames is None else np.asarray(frames)
+    cameras, poses = _load(path, names, sizes, frames)
+    problems: list[str] = []
+    for index, (size, k, d, where) in enumerate(cameras):
+        problems += intrinsics_problems(size, sizes[index] if sizes else None, k, d, where)
+        wrong = [rotation_problem(pose[:3, :3], where) for pose in poses[index]]
+        problems += [sentence for sentence in wrong if sentence][:1]
+    poses = poses.copy()
+    poses[..., :3, 3] *= metres_per_unit
+    if not problems:
+        problems += scale_problem(poses, names, path.name, metres_per_unit)
+    result = Cameras(
+        names,
+        tuple(camera[0] for camera in cameras),
+        jnp.asarray(np.stack([camera[1] for camera in cameras]), jnp.float32),
+        jnp.asarray(np.stack([camera[2] for camera in cameras]), jnp.float32),
+        jnp.asarray(np.broadcast_to(poses, (*frames.shape, 4, 4)), jnp.float32),
+    )
+    return result, problems
 
 
 def read_cameras(
@@ -186,44 +189,7 @@ def read_cameras(
     file is told by its content. Raises `InputError` naming file, camera and frames for poses that are missing, not
     finite, mirrored or in other units, for focal lengths that are not positive, and for damaged files.
     """
-    path, names = Path(path), tuple(names)
-    if frames is None:
-        frames = np.tile(np.arange(num_frames), (len(names), 1))
-    folder = path.parent if path.name in ("cameras.txt", "cameras.bin", "images.txt", "images.bin") else path
-    files = colmap_files(folder)
-    if files is not None:
-        cameras, poses, _ = _from_colmap(read_colmap(*files), names, np.asarray(frames))
-    elif path.is_file():
-        found = read_calibration_toml(path, names)
-        cameras = [
-            (
-                camera.size or (sizes[i] if sizes else (0, 0)),
-                camera.intrinsics,
-                camera.distortion,
-                f"{path.name} camera {n}",
-            )
-            for i, (n, camera) in enumerate(zip(names, found, strict=True))
-        ]
-        poses = np.stack([camera.cam_from_world for camera in found])[:, None]
-    elif path.is_dir():
-        inside = sorted(item.name for item in path.iterdir())[:6]
-        raise InputError(
-            f"{path.name}/ holds no COLMAP model; expected cameras.txt and images.txt, or cameras.bin and images.bin, "
-            f"found {', '.join(inside) or 'nothing'}"
-        )
-    else:
-        raise InputError(f"{path.name} does not exist; expected a COLMAP model folder or a calibration TOML")
-    for index, (size, k, d, where) in enumerate(cameras):
-        _check_intrinsics(size, sizes[index] if sizes else None, k, d, where)
-        for rotation in poses[index, :, :3, :3]:
-            _check_rotation(rotation, where)
-    poses = poses.copy()
-    poses[..., :3, 3] *= metres_per_unit
-    _check_scale(poses, names, path.name, metres_per_unit)
-    return Cameras(
-        names,
-        tuple(camera[0] for camera in cameras),
-        jnp.asarray(np.stack([camera[1] for camera in cameras]), jnp.float32),
-        jnp.asarray(np.stack([camera[2] for camera in cameras]), jnp.float32),
-        jnp.asarray(np.broadcast_to(poses, (*frames.shape, 4, 4)), jnp.float32),
-    )
+    cameras, problems = examine_cameras(path, names, num_frames, sizes, frames, metres_per_unit)
+    if problems:
+        raise InputError(problems[0])
+    return cameras

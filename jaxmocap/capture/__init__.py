@@ -1,5 +1,6 @@
 """Captures on disk: videos with their timestamps, keypoints, masks and cameras, and checks before tracking."""
 
 from ._capture import Capture as Capture
+from ._check import check as check
 from ._findings import Finding as Finding
 from ._keypoints import KEYPOINT_NAMES as KEYPOINT_NAMES

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import av
+import av.container
 import numpy as np
 from jaxtyping import Float64, Int64, UInt8
 
@@ -139,6 +140,11 @@ class FrameReader:
             )
         image = self._current.to_ndarray(format="rgb24")
         return np.ascontiguousarray(np.rot90(image, self._index.quarter_turns)) if self._index.quarter_turns else image
+
+    @property
+    def corrupt(self) -> bool:
+        """Whether the decoder says that the frame last read is damaged."""
+        return self._current is not None and bool(self._current.is_corrupt)
 
     def close(self) -> None:
         self._current = None

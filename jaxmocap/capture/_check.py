@@ -1,0 +1,117 @@
+"""`check`: every precheck in one pass."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras, examine_cameras
+
+from ._capture import Capture, build
+from ._check_geometry import check_paths, check_subject
+from ._check_people import check_keypoints, check_masks
+from ._check_videos import check_videos
+from ._config import CaptureConfig, config_path, read_config
+from ._consistency import missing_files
+from ._findings import Finding
+from ._video import VideoIndex, index_video
+
+_Result = TypeVar("_Result")
+
+
+def _attempt(findings: list[Finding], where: str, action: Callable[[], _Result]) -> _Result | None:
+    try:
+        return action()
+    except InputError as error:
+        findings.append(Finding("error", where, str(error)))
+        return None
+
+
+def _build_what_can_be(
+    file: Path, config: CaptureConfig, indices: list[VideoIndex | None], findings: list[Finding]
+) -> Capture | None:
+    """The capture of the readable videos; settings that make it impossible are reported and left out."""
+    entries = [entry for entry, index in zip(config.camera, indices, strict=True) if index is not None]
+    readable = [index for index in indices if index is not None]
+    if not readable:
+        return None
+    config = config.model_copy(update={"camera": entries})
+    for removed in ({}, {"frames": None}, {"selected_frames": None}, {"frames": None, "selected_frames": None}):
+        attempt: list[Finding] = []
+        tried = config.model_copy(update=removed)
+        capture = _attempt(attempt, file.name, lambda tried=tried: build(file, tried, readable, []))
+        findings += [finding for finding in attempt if finding not in findings]
+        if capture is not None:
+            return capture
+    return None
+
+
+def _cameras(capture: Capture, findings: list[Finding]) -> Cameras | None:
+    """The cameras if they can be read, with everything that is wrong with each of them."""
+    path = capture.cameras_path
+    if path is None:
+        findings.append(
+            Finding("note", "cameras", f"there are no cameras; run jaxmocap calibrate {capture.folder} before tracking")
+        )
+        return None
+    if not path.exists():
+        return None
+
+    def examine(chosen: list[int]) -> tuple[Cameras, list[str]]:
+        names, sizes = [capture.camera_names[i] for i in chosen], [capture.sizes[i] for i in chosen]
+        frames = capture.video_frames[np.asarray(chosen)]
+        return examine_cameras(path, names, capture.num_frames, sizes, frames, capture.metres_per_unit)
+
+    together: list[Finding] = []
+    everything = list(range(capture.num_cameras))
+    result = _attempt(together, path.name, lambda: examine(everything))
+    if result is not None:
+        cameras, problems = result
+        findings += [Finding("error", path.name, problem) for problem in problems]
+        return None if problems else cameras
+    before = len(findings)
+    for index in everything:
+        alone = _attempt(findings, capture.camera_names[index], lambda index=index: examine([index]))
+        if alone is not None:
+            findings += [Finding("error", capture.camera_names[index], problem) for problem in alone[1]]
+    if len({finding.message for finding in findings[before:]}) < 2:  # one cause: say it once, as opening does
+        findings[before:] = together
+    return None
+
+
+def check(path: str | Path) -> list[Finding]:
+    """Everything that is wrong or worth knowing about a capture, errors first; nothing stops at the first problem.
+
+    Videos are decoded (long ones at the beginning, middle and end). Errors carry the sentences `Capture.open` raises.
+    """
+    findings: list[Finding] = []
+    file = _attempt(findings, str(path), lambda: config_path(path))
+    if file is None:
+        return findings
+    config, about_config = read_config(file)
+    findings += about_config
+    if config is None:
+        return findings
+    indices = [
+        _attempt(findings, entry.name, lambda entry=entry: index_video(file.parent / entry.video))
+        for entry in config.camera
+    ]
+    findings += [Finding("error", key, sentence) for key, sentence in missing_files(file, config)]
+    if config.truth is not None and not (file.parent / config.truth).is_file():
+        findings.append(Finding("warning", "truth", f"{file}: truth = {config.truth!r} does not exist"))
+    if len(config.camera) == 1:
+        findings.append(Finding("warning", "videos", "there is one camera; depth needs two or three"))
+    findings += check_videos(config, indices)
+    capture = _build_what_can_be(file, config, indices, findings)
+    if capture is not None:
+        findings += [finding for finding in capture.findings if finding not in findings]
+        cameras = _cameras(capture, findings)
+        findings += check_keypoints(capture)
+        findings += check_masks(capture)
+        if cameras is not None:
+            findings += check_paths(capture, cameras)
+            findings += _attempt(findings, "keypoints", lambda: check_subject(capture, cameras)) or []
+    order = {"error": 0, "warning": 1, "note": 2}
+    return sorted(findings, key=lambda finding: order[finding.severity])

@@ -1,0 +1,181 @@
+"""Checks that need cameras: their paths, and whether keypoints seen through them make a person of human size."""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxmocap.camera import Cameras, View, project, ranges, triangulate
+
+from ._capture import Capture
+from ._findings import Finding
+from ._keypoints import KEYPOINT_NAMES
+
+_MOST_FRAMES = 12
+_CONFIDENT = 0.3
+_LARGEST_RESIDUAL = 25.0  # pixels
+_SMALLEST_ANGLE = 8.0  # degrees
+_CHAIN = (
+    (("neck", "pelvis"),),
+    (("r_hip", "r_knee"), ("l_hip", "l_knee")),
+    (("r_knee", "r_ankle"), ("l_knee", "l_ankle")),
+)
+_CHAIN_OF_STATURE = 0.78  # neck to pelvis to knee to ankle, as a part of the height of a standing adult
+
+
+def _largest_motion(poses: Float[np.ndarray, "frame 4 4"]) -> tuple[np.ndarray, np.ndarray]:
+    """Metres and degrees between neighbouring frames."""
+    rotation = poses[:, :3, :3]
+    centres = -np.einsum("tji,tj->ti", rotation, poses[:, :3, 3])
+    cosine = (np.einsum("tij,tij->t", rotation[1:], rotation[:-1]) - 1) / 2
+    return np.linalg.norm(np.diff(centres, axis=0), axis=1), np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def check_paths(capture: Capture, cameras: Cameras) -> Iterator[Finding]:
+    """Static or moving, and jumps that no hand makes (a wrong pose of structure from motion)."""
+    poses = np.asarray(cameras.cam_from_world, float)
+    for index, name in enumerate(cameras.names):
+        metres, degrees = _largest_motion(poses[index])
+        if len(metres) == 0 or (metres.max() < 1e-4 and degrees.max() < 0.05):
+            yield Finding("note", name, f"{name} is static")
+            continue
+        centres = -np.einsum("tji,tj->ti", poses[index, :, :3, :3], poses[index, :, :3, 3])
+        extent = np.linalg.norm(centres - centres.mean(axis=0), axis=1).max() * 2
+        yield Finding("note", name, f"{name} moves within {extent:.2f} m")
+        jumps = np.flatnonzero((metres > 0.1 + 8 * np.median(metres)) | (degrees > 5 + 8 * np.median(degrees))) + 1
+        if len(jumps):
+            own = capture.video_frames[index, jumps]
+            yield Finding(
+                "warning",
+                f"{name} frame {ranges([int(f) for f in own])}",
+                f"{name} jumps by up to {metres[jumps - 1].max():.2f} m and {degrees[jumps - 1].max():.0f} degrees at "
+                f"frame {ranges([int(f) for f in own])}; its pose there is probably wrong: calibrate again",
+            )
+
+
+def _frames_to_try(capture: Capture) -> list[int]:
+    """Frames with keypoints in at least two cameras: the selected ones, else a few spread over the capture."""
+    seen = [set(capture.keypoint_frames(index)) for index in range(capture.num_cameras)]
+    shared = sorted({frame for a, b in combinations(seen, 2) for frame in a & b})
+    chosen = [frame for frame in shared if frame in (capture.selected_frames or ())] or shared
+    return (
+        [chosen[i] for i in sorted({round(x) for x in np.linspace(0, len(chosen) - 1, _MOST_FRAMES)})] if chosen else []
+    )
+
+
+def _stature(points: Float[np.ndarray, "25 3"]) -> float:
+    """Height in metres from the lengths of trunk, thigh and shin, whatever the pose; NaN if one is not seen."""
+    place = {name: points[index] for index, name in enumerate(KEYPOINT_NAMES)}
+    total = 0.0
+    for sides in _CHAIN:
+        lengths = [float(np.linalg.norm(place[a] - place[b])) for a, b in sides]
+        finite = [length for length in lengths if np.isfinite(length)]
+        total += float(np.mean(finite)) if finite else np.nan
+    return total / _CHAIN_OF_STATURE
+
+
+def _size_findings(statures: list[float], where: str) -> Iterator[Finding]:
+    finite = [value for value in statures if np.isfinite(value)]
+    if not finite:
+        return
+    height = float(np.median(finite))
+    found = f"the triangulated keypoints make a person about {height:.3g} m tall"
+    if height > 30:
+        unit = "millimetres" if height > 400 else "centimetres"
+        yield Finding("error", where, f'{found}; the cameras look like {unit}: set units = "{unit}" in capture.toml')
+    elif height < 0.1:
+        yield Finding("error", where, f"{found}; is units in capture.toml right? The cameras look like another unit")
+    elif not 0.8 <= height <= 2.4:
+        yield Finding(
+            "warning", where, f"{found}; the scale of the cameras is probably wrong: calibrate with a known length"
+        )
+    else:
+        yield Finding("note", where, f"{found}")
+
+
+@jax.jit
+def _triangulate(
+    view: View, pixels: Float[Array, "camera 25 2"], weights: Float[Array, "camera 25"]
+) -> tuple[Float[Array, "25 3"], Float[Array, "camera 25 2"], Float[Array, "camera 25"]]:
+    """Points, their pixels in every camera, and depths."""
+    points = triangulate(view, pixels, weights)
+    return points, *project(view.intrinsics, view.cam_from_world, points)
+
+
+def _behind(own: int, names: list[str]) -> Finding:
+    return Finding(
+        "error",
+        f"frame {own}",
+        f"the triangulated keypoints of frame {own} lie behind {', '.join(names)}: the cameras are mirrored, or their "
+        "files hold world_from_cam where cam_from_world is expected",
+    )
+
+
+def _disagreement(own: int, worst: Float[np.ndarray, " 25"]) -> Finding:
+    bad = np.flatnonzero(worst > _LARGEST_RESIDUAL)
+    listed = ", ".join(f"{KEYPOINT_NAMES[i]} {worst[i]:.0f} px" for i in bad)
+    return Finding(
+        "warning",
+        f"frame {own}",
+        f"the cameras do not agree on keypoints of frame {own}: {listed}; expected below {_LARGEST_RESIDUAL:.0f} px: "
+        "wrong detections, another person, another moment (offset), or wrong cameras",
+    )
+
+
+def _points_at(
+    capture: Capture, cameras: Cameras, frame: int, findings: list[Finding]
+) -> Float[np.ndarray, "25 3"] | None:
+    """The triangulated keypoints of one frame, NaN where unseen or disagreed upon; None if there are none to use."""
+    found = [capture.keypoints(index, frame) for index in range(capture.num_cameras)]
+    keypoints = np.stack([np.zeros((25, 3)) if points is None else points for points in found])
+    weights = np.where(keypoints[..., 2] >= _CONFIDENT, 1.0, 0.0)
+    own = int(capture.video_frames[0, frame])
+    pixels = keypoints[..., :2]
+    points, again, depth = map(np.array, _triangulate(cameras.at(frame), jnp.asarray(pixels), jnp.asarray(weights)))
+    usable = np.isfinite(points).all(axis=-1)
+    if not usable.any():
+        return None
+    behind = [name for i, name in enumerate(cameras.names) if weights[i].any() and np.median(depth[i, usable]) <= 0]
+    if behind:
+        findings.append(_behind(own, behind))
+        return None
+    residual = np.where((weights > 0) & usable, np.linalg.norm(again - pixels, axis=-1), 0.0)
+    worst = residual.max(axis=0)
+    if (worst > _LARGEST_RESIDUAL).any():
+        findings.append(_disagreement(own, worst))
+        points[worst > _LARGEST_RESIDUAL] = np.nan
+    return points if np.isfinite(points).any() else None
+
+
+def _angle_findings(angles: list[float]) -> Iterator[Finding]:
+    if not angles:
+        return
+    angle = min(angles)
+    if angle < _SMALLEST_ANGLE:
+        ratio = 1 / np.tan(np.radians(max(angle, 0.1)) / 2)
+        yield Finding(
+            "warning",
+            "cameras",
+            f"the cameras see the person from directions only {angle:.1f} degrees apart; depth is about {ratio:.0f} "
+            "times less certain than position across the view: place the cameras farther apart",
+        )
+    else:
+        yield Finding("note", "cameras", f"the cameras see the person from directions {angle:.0f} degrees apart")
+
+
+def check_subject(capture: Capture, cameras: Cameras) -> list[Finding]:
+    """Triangulates the keypoints: residuals, side of the camera, view angle, and the height of the person."""
+    findings: list[Finding] = []
+    statures, angles = [], []
+    for frame in _frames_to_try(capture):
+        points = _points_at(capture, cameras, frame, findings)
+        if points is None:
+            continue
+        statures.append(_stature(points))
+        rays = np.nanmedian(points, axis=0) - np.asarray(cameras.centres()[:, frame])
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        angles.append(max(float(np.degrees(np.arccos(np.clip(a @ b, -1, 1)))) for a, b in combinations(rays, 2)))
+    return [*findings, *_size_findings(statures, "cameras"), *_angle_findings(angles)]
