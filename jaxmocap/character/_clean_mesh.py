@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 def clean_mesh(
     vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray, tolerance: float = 1e-6
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weld vertices at one place (texture seams), drop degenerate and repeated faces and unused vertices, face outwards.
+    """Weld seams, drop degenerate and repeated faces and unused vertices, and make all faces point outwards.
 
     `tolerance` is in the units of the vertices. Weights of welded vertices are averaged. Vertex order is kept.
     """

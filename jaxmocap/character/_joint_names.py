@@ -6,44 +6,29 @@ from collections.abc import Sequence
 # Words of a name, its side removed, and the parts of the body they mean, best first: a clavicle is called "shoulder"
 # where an upper arm has a name of its own, a shank is called "leg" where a thigh has one.
 _TRUNK = {
-    "pelvis": ("hips", "pelvis", "hip", "cog", "bip"),
+    "pelvis": ("hips", "pelvis", "hip", "bip"),
     "neck": ("neck", "necklower", "neckbase"),
     "head": ("head",),
 }
 _LIMBS = {
-    "upper_arm": ("upperarm", "uparm", "armupper", "humerus", "arm", "shoulder"),
+    "upper_arm": ("upperarm", "uparm", "armupper", "humerus", "arm", "shldr", "shoulder"),
     "forearm": ("forearm", "lowerarm", "loarm", "armlower", "elbow", "ulna", "radius"),
     "hand": ("wrist", "hand", "palm"),
     "thigh": ("thigh", "upleg", "upperleg", "legupper", "femur", "hip", "leg"),
     "shank": ("shank", "shin", "calf", "lowerleg", "lowleg", "leglower", "crus", "tibia", "knee", "leg"),
     "foot": ("ankle", "foot"),
-    "toe": ("toe", "toes", "toebase", "ball", "foottoe", "toe0", "toe1", "foot"),
-    "clavicle": ("clavicle", "collar", "clav", "shoulder"),
+    "clavicle": ("clavicle", "collar", "clav", "shoulder", "shldr"),
 }
-_SPINE = ("spine", "abdomen", "chest", "torso", "thorax", "upperchest", "waist", "lumbar", "belly", "back", "ribcage")
-_NOISE = {
-    "bip",
-    "bip01",
-    "bip001",
-    "j",
-    "jnt",
-    "joint",
-    "bone",
-    "b",
-    "def",
-    "org",
-    "c",
-    "sk",
-    "mixamorig",
-    "valvebiped",
-}
+_SPINE = ("spine", "abdomen", "chest", "torso", "thorax", "upperchest", "waist", "lumbar", "belly", "lowerback", "rib")
+_PROGRAMS = {"bip", "bip01", "bip001", "mixamorig", "valvebiped", "cc", "sk", "def", "org"}
+_NOISE = _PROGRAMS | {"j", "jnt", "joint", "bone", "b", "c", "m", "f", "avg", "base", "bend"}
 _SIDES = {"l": "l", "left": "l", "lft": "l", "r": "r", "right": "r", "rgt": "r"}
 
 
 def split_side(name: str) -> tuple[str, str]:
-    """A joint's name as (side, words): `mixamorig:LeftForeArm` is `("l", "forearm")`, `spine_01` is `("", "spine1")`."""
+    """A joint's name as (side, words): `mixamorig:LeftForeArm` is `("l", "forearm")`, `spine_01` `("", "spine1")`."""
     base = re.split(r"[:|/]", name)[-1]
-    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", base)
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", base)
     words = [word for word in re.split(r"[^a-z0-9]+", spaced.lower()) if word]
     words = [piece for word in words for piece in _split_glued(word)]
     side = next((_SIDES[word] for word in words if word in _SIDES), "")
