@@ -1,0 +1,10 @@
+"""A built-in capture without data: a procedural actor, scene, motion and renderer, for the demo and the tests."""
+
+from ._actor import actor_skeleton as actor_skeleton, make_actor as make_actor
+from ._cameras import handheld_paths as handheld_paths, intrinsics_of as intrinsics_of
+from ._capture import SyntheticCapture as SyntheticCapture, make_capture as make_capture
+from ._clothes import Outfit as Outfit
+from ._motion import dance as dance
+from ._render import Rendered as Rendered, Subject as Subject, develop as develop, render_view as render_view
+from ._scene import Scene as Scene, make_scene as make_scene
+from ._write import write_capture as write_capture

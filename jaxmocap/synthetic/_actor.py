@@ -1,0 +1,129 @@
+"""The synthetic actor: one closed skin over the procedural body, bound to the 39-degree-of-freedom skeleton."""
+
+from functools import lru_cache
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import sparse
+
+from jaxmocap.character import Character, Skeleton, build_skeleton
+
+from ._body import CENTRE_JOINTS, SIDE_JOINTS, TEMPLATE_HEIGHT, sheared, side_joint, skin_distance
+from ._surface_nets import surface_nets
+
+MAX_BONES = 4
+_HINTS = ("knuckles", "fingertips", "thumb")
+
+# Body -> segments (joint names; l_/r_ is put before the side ones) and the radius of the flesh around them.
+_CENTRE_FLESH: dict[str, tuple[list[tuple[str, str]], float]] = {
+    "pelvis": ([("pelvis", "spine"), ("l_hip", "r_hip")], 0.105),
+    "abdomen": ([("spine", "thorax")], 0.125),
+    "chest": ([("thorax", "neck"), ("l_clavicle", "r_clavicle")], 0.125),
+    "head": ([("neck", "head"), ("head", "head_top")], 0.060),
+}
+_SIDE_FLESH: dict[str, tuple[list[tuple[str, str]], float]] = {
+    "clavicle": ([("clavicle", "shoulder")], 0.050),
+    "upper_arm": ([("shoulder", "elbow")], 0.048),
+    "forearm": ([("elbow", "wrist")], 0.036),
+    "hand": ([("wrist", "knuckles"), ("knuckles", "fingertips"), ("wrist", "thumb")], 0.026),
+    "thigh": ([("hip", "knee")], 0.078),
+    "shank": ([("knee", "ankle")], 0.046),
+    "foot": ([("ankle", "toe"), ("ankle", "heel")], 0.040),
+}
+
+
+def make_actor(height: float = TEMPLATE_HEIGHT) -> Character:
+    """A person of `height` metres in an A-pose with slightly bent elbows, about 4,900 triangles, at most 4 bones per
+    vertex. The same triangles at every height."""
+    vertices, faces, weights = _template()
+    scale = height / TEMPLATE_HEIGHT
+    return Character(
+        name="synthetic actor",
+        skeleton=actor_skeleton(height),
+        vertices=jnp.asarray(scale * vertices, jnp.float32),
+        faces=jnp.asarray(faces, jnp.int32),
+        weights=jnp.asarray(weights, jnp.float32),
+    )
+
+
+def actor_skeleton(height: float = TEMPLATE_HEIGHT) -> Skeleton:
+    """The actor's skeleton alone, its joints where the anatomy puts them."""
+    scale = height / TEMPLATE_HEIGHT
+    return build_skeleton({name: scale * place for name, place in _joints().items() if name[2:] not in _HINTS})
+
+
+def _joints() -> dict[str, np.ndarray]:
+    joints = {name: np.asarray(place) for name, place in CENTRE_JOINTS.items()}
+    for prefix, side in (("l_", 1.0), ("r_", -1.0)):
+        joints |= {prefix + name: side_joint(name, side) for name in SIDE_JOINTS}
+    return joints
+
+
+@lru_cache(maxsize=1)
+def _template() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    vertices, faces = surface_nets(skin_distance, _grid())
+    return vertices, faces, skin_weights(actor_skeleton(), vertices, faces)
+
+
+def _grid() -> Float[np.ndarray, "i j k 3"]:
+    """Grid points whose cells are long where the body is plain, and sheared so that arms run along cells."""
+    half = _graded(0.0, (0.23, 0.0275), (0.58, 0.039), (0.71, 0.026))
+    x = np.concatenate([-half[:0:-1], half])
+    y = _graded(-0.03, (0.12, 0.030), (0.86, 0.056), (1.06, 0.036), (1.33, 0.046), (1.48, 0.028), (1.80, 0.029))
+    z = _graded(-0.17, (0.25, 0.0265))
+    return sheared(np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1), -1.0)
+
+
+def _graded(start: float, *pieces: tuple[float, float]) -> np.ndarray:
+    """Coordinates from `start` through pieces of (end, about this step)."""
+    knots = [np.array([start])]
+    for end, step in pieces:
+        knots.append(np.linspace(knots[-1][-1], end, max(1, round((end - knots[-1][-1]) / step)) + 1)[1:])
+    return np.concatenate(knots)
+
+
+def skin_weights(
+    skeleton: Skeleton, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
+) -> Float[np.ndarray, "vertex bone"]:
+    """Weights falling off with the distance to the bones, for template-sized vertices.
+
+    Each vertex belongs to the body whose flesh is nearest and shares with that body's neighbours in the skeleton only,
+    so an arm never moves the flank beside it; a few averaging steps along the surface then make the weights smooth.
+    """
+    depth, radii = _flesh_distances(skeleton.body_names, vertices)
+    owner = depth.argmin(axis=1)
+    parents = np.asarray(skeleton.parents)
+    linked = np.eye(len(parents), dtype=bool)
+    linked[np.arange(1, len(parents)), parents[1:]] = linked[parents[1:], np.arange(1, len(parents))] = True
+    softness = 0.22 * np.sqrt(radii[owner][:, None] * radii)
+    weights = np.where(linked[owner], np.exp(-(depth - depth.min(axis=1, keepdims=True)) / softness), 0.0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    adjacency = sparse.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(vertices),) * 2).tocsr()
+    mean = sparse.diags_array(1 / adjacency.sum(axis=1)) @ adjacency
+    for _ in range(4):
+        weights = 0.5 * (weights + mean @ weights)
+    weights[weights < 0.004] = 0.0
+    least = np.sort(weights, axis=1)[:, -MAX_BONES][:, None]
+    weights = np.where(weights >= least, weights, 0.0)
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _flesh_distances(bodies: tuple[str, ...], vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of each vertex to each body's flesh (negative inside), and the radius of that flesh."""
+    joints = _joints()
+    depth, radii = np.empty((len(vertices), len(bodies))), np.empty(len(bodies))
+    for column, body in enumerate(bodies):
+        prefix = body[:2] if body[:2] in ("l_", "r_") else ""
+        segments, radii[column] = _SIDE_FLESH[body[2:]] if prefix else _CENTRE_FLESH[body]
+        depth[:, column] = np.min(
+            [_to_segment(vertices, joints[prefix + a], joints[prefix + b]) for a, b in segments], 0
+        )
+    return depth - radii, radii
+
+
+def _to_segment(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    axis = end - start
+    along = np.clip((points - start) @ axis / (axis @ axis), 0, 1)
+    return np.linalg.norm(points - start - along[:, None] * axis, axis=1)

@@ -1,0 +1,214 @@
+"""A complete synthetic capture in memory: images, cameras, actor, and everything that is true about them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import KEYPOINT_NAMES
+from jaxmocap.character import Character, Pose, landmark_positions, skin
+
+from ._actor import make_actor
+from ._body import TEMPLATE_HEIGHT
+from ._cameras import handheld_paths, intrinsics_of
+from ._clothes import Outfit, Style
+from ._markers import bind_markers, marker_positions
+from ._motion import dance, ground_path
+from ._render import Rendered, Subject, develop, render_view
+from ._scene import make_scene
+
+NUM_MARKERS = 44
+_SHUTTER = 0.5  # open for half of the frame interval
+_OPENPOSE_PLACES = {"pelvis": "mid_hip"}
+
+
+@dataclass(frozen=True, eq=False)
+class SyntheticCapture:
+    """A host record. Metres, seconds, y up; `masks` and `poses` are those of each frame's own time.
+
+    `keypoints` are BODY_25 points x, y, confidence with noise at the `selected_frames` only. `markers` are points of
+    the skin, fixed by `marker_faces` and `marker_barycentrics`.
+    """
+
+    name: str
+    fps: float
+    timestamps: Float[np.ndarray, "frame"]
+    images: UInt8[np.ndarray, "frame camera height width 3"]
+    masks: Bool[np.ndarray, "frame camera height width"]
+    cameras: Cameras
+    character: Character
+    poses: Pose
+    markers: Float[np.ndarray, "frame marker 3"]
+    marker_faces: Int[np.ndarray, "marker"]
+    marker_barycentrics: Float[np.ndarray, "marker 3"]
+    joints: Float[np.ndarray, "frame joint 3"]
+    joint_names: tuple[str, ...]
+    selected_frames: tuple[int, ...]
+    keypoints: Float[np.ndarray, "selected camera 25 3"]
+
+    @property
+    def num_frames(self) -> int:
+        return len(self.images)
+
+    @property
+    def num_cameras(self) -> int:
+        return self.images.shape[1]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the images."""
+        return self.images.shape[3], self.images.shape[2]
+
+    def pose(self, frame: int) -> Pose:
+        """The true pose at one frame."""
+        return Pose(root=self.poses.root[frame], angles=self.poses.angles[frame])
+
+
+def make_capture(
+    num_frames: int = 30,
+    size: tuple[int, int] = (480, 270),
+    num_cameras: int = 2,
+    seed: int = 0,
+    *,
+    fps: float = 30.0,
+    height: float = TEMPLATE_HEIGHT,
+    motion_scale: float = 1.0,
+    camera_shake: float = 1.0,
+    clothes: Style = "patterned",
+    sensor_noise: float = 0.006,
+    keypoint_noise: float = 2.5,
+    illumination_change: float = 0.0,
+    sub_frames: int = 1,
+    supersampling: int = 2,
+    selected_frames: Sequence[int] | None = None,
+) -> SyntheticCapture:
+    """Film the actor dancing on a square with handheld cameras 27 degrees apart; equal arguments give equal bytes.
+
+    `size` is (width, height) in pixels, both even. `clothes="uniform"` dresses arms and torso alike. `sensor_noise` is
+    a fraction of full scale, `keypoint_noise` a standard deviation in pixels at 960 pixels width. `illumination_change`
+    brightens and dims the scene by that fraction over the capture. `sub_frames` > 1 averages that many instants of a
+    half-open shutter (motion blur). `selected_frames` default to the first and the middle one. Raises `InputError` for
+    arguments out of range.
+    """
+    _check(num_frames, size, num_cameras, sub_frames, supersampling)
+    selected = tuple(selected_frames) if selected_frames is not None else tuple(sorted({0, num_frames // 2}))
+    if any(not 0 <= frame < num_frames for frame in selected):
+        raise InputError(f"selected_frames are {selected}; choose frames from 0 to {num_frames - 1}.")
+    timestamps = np.arange(num_frames) / fps
+    instants = _SHUTTER / fps * ((np.arange(sub_frames) + 0.5) / sub_frames - 0.5)
+    times = np.concatenate([timestamps[:, None], timestamps[:, None] + instants], axis=1).reshape(-1)
+
+    character = make_actor(height)
+    poses = dance(character.skeleton, times, motion_scale)
+    vertices, joints = (np.asarray(value, float) for value in _skinned(character, poses))
+    paths = handheld_paths(times, ground_path(times, motion_scale), size, num_cameras, seed, camera_shake, height)
+
+    every = 1 + sub_frames
+    faces, intrinsics, scene = np.asarray(character.faces), intrinsics_of(size), make_scene(seed)
+    rest = np.asarray(character.vertices, np.float32) * np.float32(TEMPLATE_HEIGHT / height)
+    subject = Subject(rest, faces, Outfit.make(seed, clothes))
+
+    def draw(camera: int, instant: int) -> Rendered:
+        return render_view(scene, subject, vertices[instant], intrinsics, paths[camera, instant], size, supersampling)
+
+    images, masks = _film(draw, num_frames, num_cameras, sub_frames, seed, sensor_noise, illumination_change)
+    marker_faces, barycentrics = bind_markers(np.asarray(character.vertices, float), faces, NUM_MARKERS, seed)
+    cameras = Cameras(
+        names=tuple(f"cam{camera}" for camera in range(num_cameras)),
+        sizes=(size,) * num_cameras,
+        intrinsics=jnp.asarray(np.tile(intrinsics, (num_cameras, 1, 1)), jnp.float32),
+        distortion=jnp.zeros((num_cameras, 5), jnp.float32),
+        cam_from_world=jnp.asarray(paths[:, ::every], jnp.float32),
+    )
+    joints = joints[::every]
+    names = character.skeleton.landmark_names
+    return SyntheticCapture(
+        name="synthetic",
+        fps=fps,
+        timestamps=timestamps,
+        images=images,
+        masks=masks,
+        cameras=cameras,
+        character=character,
+        poses=jax.tree.map(lambda leaf: leaf[::every], poses),
+        markers=marker_positions(vertices[::every], faces, marker_faces, barycentrics).astype(np.float32),
+        marker_faces=marker_faces,
+        marker_barycentrics=barycentrics,
+        joints=joints.astype(np.float32),
+        joint_names=names,
+        selected_frames=selected,
+        keypoints=_keypoints(joints, names, paths[:, ::every], size, selected, keypoint_noise, seed),
+    )
+
+
+def _check(num_frames: int, size: tuple[int, int], num_cameras: int, sub_frames: int, supersampling: int) -> None:
+    if num_frames < 1:
+        raise InputError(f"num_frames is {num_frames}; at least 1 is needed.")
+    if min(size) < 16 or size[0] % 2 or size[1] % 2:
+        raise InputError(f"size is {size}; width and height must be even numbers of at least 16 pixels.")
+    if not 1 <= num_cameras <= 3:
+        raise InputError(f"num_cameras is {num_cameras}; choose 1, 2 or 3.")
+    if sub_frames < 1 or supersampling < 1:
+        raise InputError(f"sub_frames is {sub_frames} and supersampling {supersampling}; both must be at least 1.")
+
+
+@eqx.filter_jit
+def _skinned(character: Character, poses: Pose) -> tuple[Float[jax.Array, "f vertex 3"], Float[jax.Array, "f joint 3"]]:
+    vertices = jax.vmap(skin, (None, 0))(character, poses)
+    return vertices, jax.vmap(landmark_positions, (None, 0))(character.skeleton, poses)
+
+
+def _film(
+    draw: Callable[[int, int], Rendered],
+    num_frames: int,
+    num_cameras: int,
+    sub_frames: int,
+    seed: int,
+    sensor_noise: float,
+    illumination_change: float,
+) -> tuple[UInt8[np.ndarray, "frame camera height width 3"], Bool[np.ndarray, "frame camera height width"]]:
+    """Images and masks from `draw(camera, instant)`; a frame's instants are its own time and then, if there are several
+    sub-frames, those the image is the mean of."""
+    images, masks = [], []
+    for frame in range(num_frames):
+        gain = 1 + illumination_change * np.sin(2 * np.pi * frame / max(num_frames, 2))
+        for camera in range(num_cameras):
+            first = frame * (1 + sub_frames)
+            drawn = draw(camera, first)
+            masks.append(drawn.mask)
+            light = drawn.light
+            if sub_frames > 1:
+                light = np.mean([draw(camera, first + 1 + k).light for k in range(sub_frames)], axis=0)
+            rng = np.random.default_rng([seed, 4, camera, frame])
+            images.append(develop(light, rng, gain, sensor_noise))
+    shape = (num_frames, num_cameras, *masks[0].shape)
+    return np.stack(images).reshape(*shape, 3), np.stack(masks).reshape(shape)
+
+
+def _keypoints(
+    joints: np.ndarray,
+    names: tuple[str, ...],
+    paths: np.ndarray,
+    size: tuple[int, int],
+    selected: tuple[int, ...],
+    noise: float,
+    seed: int,
+) -> np.ndarray:
+    """BODY_25 points of the selected frames as a detector would give them, confidence 1."""
+    columns = [names.index(_OPENPOSE_PLACES.get(name, name)) for name in KEYPOINT_NAMES]
+    intrinsics = intrinsics_of(size)
+    points = np.ones((len(selected), len(paths), len(columns), 3))
+    for row, frame in enumerate(selected):
+        for camera, path in enumerate(paths):
+            in_camera = joints[frame, columns] @ path[frame, :3, :3].T + path[frame, :3, 3]
+            projected = in_camera @ intrinsics.T
+            rng = np.random.default_rng([seed, 5, camera, frame])
+            error = noise * size[0] / 960 * rng.standard_normal((len(columns), 2))
+            points[row, camera, :, :2] = projected[:, :2] / projected[:, 2:] + error
+    return points

@@ -1,0 +1,97 @@
+"""A known motion: stepping in place with one high knee lift, arms swinging, the torso turning."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxmocap.character import Pose, Skeleton, landmark_positions, pose_from_vector
+
+STEP_RATE = 0.8
+_KNEE_LIFT_TIME = 1.56
+_SOFTNESS = 0.004
+
+# Degree of freedom -> mean (degrees), then (amplitude in degrees, frequency in Hz, phase in turns) of its sinusoids.
+# Angles are measured from the rest pose. Sides differ on purpose.
+_SWINGS: dict[str, tuple[float, list[tuple[float, float, float]]]] = {
+    "root_ry": (0.0, [(14, 0.25, 0.00)]),
+    "lumbar_flex": (4.0, [(4, 0.80, 0.20)]),
+    "lumbar_lat": (0.0, [(6, 0.40, 0.10)]),
+    "lumbar_axial": (0.0, [(16, 0.45, 0.30)]),
+    "thorax_flex": (3.0, [(4, 0.60, 0.00)]),
+    "neck_flex": (3.0, [(6, 0.55, 0.40)]),
+    "neck_lat": (0.0, [(5, 0.40, 0.60)]),
+    "neck_axial": (0.0, [(18, 0.35, 0.75)]),
+    "l_clav_elev": (6.0, [(6, 0.65, 0.00)]),
+    "l_shoulder_flex": (14.0, [(22, 0.50, 0.25)]),
+    "l_shoulder_abd": (12.0, [(35, 0.65, 0.00)]),
+    "l_shoulder_axial": (0.0, [(16, 0.55, 0.10)]),
+    "l_elbow_flex": (38.0, [(34, 0.80, 0.35)]),
+    "l_forearm_pron": (0.0, [(25, 0.70, 0.00)]),
+    "r_clav_elev": (5.0, [(5, 0.55, 0.50)]),
+    "r_clav_protract": (4.0, [(6, 0.50, 0.20)]),
+    "r_shoulder_flex": (20.0, [(26, 0.60, 0.70)]),
+    "r_shoulder_abd": (4.0, [(32, 0.55, 0.45), (7, 1.10, 0.20)]),
+    "r_shoulder_axial": (0.0, [(14, 0.45, 0.60)]),
+    "r_elbow_flex": (44.0, [(38, 0.70, 0.90)]),
+    "r_forearm_pron": (0.0, [(25, 0.60, 0.30)]),
+    "l_hip_abd": (2.0, [(3, 0.40, 0.00)]),
+    "r_hip_abd": (2.0, [(3, 0.40, 0.50)]),
+}
+# Root sway in metres: mean, then (amplitude, frequency, phase in turns).
+_SWAY: dict[str, list[tuple[float, float, float]]] = {
+    "root_tx": [(0.10, 0.40, 0.05), (0.12, 0.13, 0.00)],
+    "root_tz": [(0.12, 0.21, 0.25)],
+}
+
+
+def dance(skeleton: Skeleton, times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Pose:
+    """Poses at any times (seconds), with a leading frame axis; all joint angles stay inside the skeleton's limits.
+
+    `scale` multiplies every amplitude, 1 giving up to about 2.5 m/s at the hands. The lowest point of the feet is on
+    y = 0 at every instant.
+    """
+    times = np.asarray(times, float)
+    vectors = np.zeros((len(times), skeleton.num_dofs))
+    column = {name: index for index, name in enumerate(skeleton.dof_names)}
+    for name, (mean, waves) in _SWINGS.items():
+        vectors[:, column[name]] = np.radians(mean + scale * _waves(waves, times))
+    for name, waves in _SWAY.items():
+        vectors[:, column[name]] = scale * _waves(waves, times)
+    for prefix, phase in (("l_", 0.0), ("r_", 0.5)):
+        lift = np.maximum(0, np.sin(2 * np.pi * (STEP_RATE * times + phase))) ** 2
+        highest = np.exp(-(((times - _KNEE_LIFT_TIME) / 0.32) ** 2)) * (prefix == "l_")
+        vectors[:, column[prefix + "hip_flex"]] += np.radians(2 + scale * (30 + 38 * highest) * lift)
+        vectors[:, column[prefix + "knee_flex"]] += np.radians(6 + scale * (48 + 32 * highest) * lift)
+        vectors[:, column[prefix + "ankle_dorsi"]] += np.radians(4 - scale * 16 * lift)
+    return _standing(skeleton, jnp.asarray(vectors, jnp.float32))
+
+
+def ground_path(times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Float[np.ndarray, "frame 3"]:
+    """Where the actor stands: the root sway alone, on the ground."""
+    times = np.asarray(times, float)
+    sway = [scale * _waves(_SWAY[name], times) for name in ("root_tx", "root_tz")]
+    return np.stack([sway[0], np.zeros_like(times), sway[1]], axis=1)
+
+
+def _waves(waves: list[tuple[float, float, float]], times: np.ndarray) -> np.ndarray:
+    return sum(
+        (amplitude * np.sin(2 * np.pi * (rate * times + phase)) for amplitude, rate, phase in waves),
+        start=np.zeros_like(times),
+    )
+
+
+@eqx.filter_jit
+def _standing(skeleton: Skeleton, vectors: Float[jax.Array, "frame dof"]) -> Pose:
+    """The poses, each raised or lowered so that a flat foot stands on the ground; within half a centimetre, smoothly,
+    where the weight goes over to the other foot or only a toe or heel touches."""
+    feet = jnp.array([i for i, name in enumerate(skeleton.landmark_names) if name.endswith(("_toe", "_heel"))])
+
+    def stand(vector: Float[jax.Array, " dof"]) -> Pose:
+        pose = pose_from_vector(skeleton, vector)
+        heights = landmark_positions(skeleton, pose)[feet, 1] - skeleton.landmarks[feet, 1]
+        lowest = -_SOFTNESS * (jax.nn.logsumexp(-heights / _SOFTNESS) - jnp.log(4.0))
+        return Pose(root=pose.root.at[1, 3].add(-lowest), angles=pose.angles)
+
+    return jax.vmap(stand)(vectors)

@@ -1,0 +1,122 @@
+"""The synthetic capture's own renderer: supersampled z-buffer, colours from the point of the skin, sun and sky."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from ._clothes import Outfit
+from ._raster import visible_fragments
+from ._scene import AMBIENT, DIRECT, SUN, GroundShadow, Scene, render_scene
+
+_SHADOW_TEXEL = 0.02
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is drawn of the actor: rest positions in template size (for the colours), triangles and clothes."""
+
+    rest: Float[np.ndarray, "vertex 3"]
+    faces: Int[np.ndarray, "face 3"]
+    outfit: Outfit
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """`light`: linear RGB before the sensor; `ids`: the actor's face at each pixel centre, -1 elsewhere."""
+
+    light: Float[np.ndarray, "height width 3"]
+    ids: Int[np.ndarray, "height width"]
+
+    @property
+    def mask(self) -> Bool[np.ndarray, "height width"]:
+        return self.ids >= 0
+
+
+def render_view(
+    scene: Scene,
+    subject: Subject,
+    vertices: Float[np.ndarray, "vertex 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    cam_from_world: Float[np.ndarray, "4 4"],
+    size: tuple[int, int],
+    supersampling: int = 2,
+) -> Rendered:
+    """Draw the actor with its `vertices` in the world (metres) into the scene; `size` is (width, height)."""
+    points = vertices @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
+    fine_size = (size[0] * supersampling, size[1] * supersampling)
+    fine = intrinsics * np.array([[supersampling], [supersampling], [1.0]])
+    light, inverse_depth = render_scene(scene, fine, cam_from_world, fine_size, ground_shadow(vertices, subject.faces))
+    fragments = visible_fragments(points, subject.faces, fine, fine_size)
+    front = fragments.inverse_depth > inverse_depth.reshape(-1)[fragments.index]
+    rest = fragments.interpolate(subject.faces, subject.rest)[front]
+    normals = fragments.interpolate(subject.faces, vertex_normals(vertices, subject.faces))[front]
+    light.reshape(-1, 3)[fragments.index[front]] = subject.outfit.colours(rest) ** 2 * illumination(normals)[:, None]
+    light = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
+    ids = np.full(size[0] * size[1], -1, np.int32)
+    centres = visible_fragments(points, subject.faces, intrinsics, size)
+    x, y = centres.index % size[0], centres.index // size[0]
+    middle = supersampling // 2
+    behind = inverse_depth[y * supersampling + middle, x * supersampling + middle]
+    shown = centres.inverse_depth > behind
+    ids[centres.index[shown]] = centres.face[shown]
+    return Rendered(light, ids.reshape(size[1], size[0]))
+
+
+def develop(
+    light: Float[np.ndarray, "height width 3"], rng: np.random.Generator, gain: float = 1.0, noise: float = 0.006
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The sensor: gain, square-root response, and noise, `noise` of full scale at mid grey and more in shadows."""
+    values = np.sqrt(np.clip(np.float32(gain) * light, 0, 1))
+    grain = rng.standard_normal(values.shape, dtype=np.float32)
+    values = values + np.float32(noise) * grain * (np.float32(1.4) - values)
+    return np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
+
+
+def vertex_normals(
+    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
+) -> Float[np.ndarray, "vertex 3"]:
+    """Outward unit normals, area-weighted means over the faces around each vertex."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    across = np.cross(b - a, c - a)
+    index = faces.reshape(-1)
+    sums = [np.bincount(index, np.repeat(across[:, i], 3), len(vertices)) for i in range(3)]
+    normals = np.stack(sums, axis=1)
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+def illumination(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point"]:
+    """Lambert's law under the sun plus a sky that is brighter above than the ground is below."""
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return (AMBIENT * (0.85 + 0.25 * normals[:, 1]) + DIRECT * np.maximum(0, normals @ SUN)).astype(np.float32)
+
+
+def ground_shadow(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> GroundShadow:
+    """The actor's soft shadow on y = 0: every triangle carried along the sun's rays, and a contact blob right under
+    what is close to the ground."""
+    height = np.maximum(vertices[:, 1], 0)
+    cast = (vertices - height[:, None] / SUN[1] * SUN)[:, [0, 2]]
+    low = cast.min(axis=0) - 0.3
+    columns, rows = np.ceil((cast.max(axis=0) + 0.3 - low) / _SHADOW_TEXEL).astype(int)
+    lit = _turned_up(cast, faces)
+    sun = _fill(cast[faces[lit]], np.ones(lit.sum()), low, (rows, columns))
+    near = np.maximum(0, 1 - height[faces].max(axis=1) / 0.16)
+    order = np.flatnonzero(near)[np.argsort(near[near > 0])]
+    contact = _fill(vertices[:, [0, 2]][faces[order]], near[order], low, (rows, columns))
+    dark = np.maximum(cv2.GaussianBlur(sun, (0, 0), 1.4), 1.5 * cv2.GaussianBlur(contact, (0, 0), 2.5))
+    return GroundShadow(np.minimum(dark, 1), (float(low[0]), float(low[1])), _SHADOW_TEXEL)
+
+
+def _turned_up(ground: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    a, b, c = (ground[faces[:, i]] for i in range(3))
+    return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0
+
+
+def _fill(triangles: np.ndarray, values: np.ndarray, low: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Triangles (n, 3, 2) in metres drawn in order into a map, each with its value."""
+    image = np.zeros(shape, np.float32)
+    fixed = np.rint(16 * ((triangles - low) / _SHADOW_TEXEL - 0.5)).astype(np.int32)
+    for triangle, value in zip(fixed, values, strict=True):
+        cv2.fillConvexPoly(image, triangle, float(value), shift=4)
+    return image
