@@ -24,10 +24,10 @@ class Motion:
     """The motion of one character over T frames. Arrays are NumPy, read-only; lengths in metres, angles in radians.
 
     `root` is `world_from_body` and `angles` the 33 joint angles: together the pose of Eq. 2. `frames` are frame numbers
-    of the first camera's video and `timestamps` their times in seconds since its first frame. `joints` are the skeleton's
-    landmarks, named by `joint_names`; `confidence` in [0, 1] is theirs. `energy` holds each term's value per frame, NaN
-    where it was not evaluated. `status` says per frame "ok", "doubtful" or "lost". `cameras`, when known, has the frame
-    axis of this motion. `provenance` holds whatever tells how it was made, as JSON knows it; the key
+    of the first camera's video and `timestamps` their times in seconds since its first frame. `joints` are the
+    skeleton's landmarks, named by `joint_names`; `confidence` in [0, 1] is theirs. `energy` holds each term's value per
+    frame, NaN where it was not evaluated. `status` says per frame "ok", "doubtful" or "lost". `cameras`, when known,
+    has the frame axis of this motion. `provenance` holds whatever tells how it was made, as JSON knows it; the key
     `seconds_per_frame` is read by `evaluate`. `up` is the world's vertical axis, "y" or "z".
 
     Raises `InputError` if shapes disagree, a pose is not finite or rigid, frames or timestamps do not increase, or a

@@ -96,9 +96,10 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise InputError(f"The file {path} does not exist.")
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise InputError(f"{path} is not an npz file; it holds a single array.")
+        archive = np.load(path, allow_pickle=False)
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise InputError(f"{path} is not an npz file; it holds a single array.")
+        with archive:
             return {name: archive[name] for name in archive.files}
     except InputError:
         raise

@@ -142,8 +142,9 @@ def _draw_verdict(image: np.ndarray, status: str, label: str) -> None:
 
 def _write(image: np.ndarray, text: str, origin: tuple[int, int], scale: float, colour: tuple[int, int, int]) -> None:
     thickness = max(round(2 * scale), 1)
-    for width, ink in ((thickness + 2, (0, 0, 0)), (thickness, colour)):
-        cv2.putText(image, text, origin, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, width, cv2.LINE_AA)
+    for shift, ink in ((1, (0, 0, 0)), (0, colour)):  # the shadow keeps the text readable on a bright image
+        place = (origin[0] + shift, origin[1] + shift)
+        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, thickness, cv2.LINE_AA)
 
 
 def _pair(point: np.ndarray) -> tuple[int, int]:

@@ -35,7 +35,10 @@ class VideoWriter:
         if self._stream is None:
             self._shape, self._start = image.shape, seconds
             self._stream = self._container.add_stream("libx264", rate=_NOMINAL_RATE, options=self._options())
-            self._stream.width, self._stream.height = _even(image.shape[1]), _even(image.shape[0])
+            self._stream.width, self._stream.height = (
+                image.shape[1] + image.shape[1] % 2,
+                image.shape[0] + image.shape[0] % 2,
+            )
             self._stream.pix_fmt = "yuv420p"
             self._stream.time_base = self._stream.codec_context.time_base = _TIME_BASE
         if image.shape != self._shape:
@@ -60,7 +63,7 @@ class VideoWriter:
 
 
 @contextlib.contextmanager
-def open_video(path: str | os.PathLike[str], *, quality: int = 20) -> Iterator[VideoWriter]:
+def open_video(path: str | os.PathLike[str], *, quality: int = 23) -> Iterator[VideoWriter]:
     """A writer for the MP4 file `path`, which appears when the block ends well and not at all when it raises.
 
     `quality` is x264's constant rate factor: less is better and larger.

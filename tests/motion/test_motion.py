@@ -1,0 +1,146 @@
+import json
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from box_figure import box_character, box_motion
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras
+from jaxmocap.character import Pose, landmark_positions, rest_pose, retract, skin
+from jaxmocap.motion import Motion, cameras_at
+
+
+@pytest.fixture(scope="module")
+def character():
+    return box_character()
+
+
+@pytest.fixture
+def motion(character):
+    rng = np.random.default_rng(1)
+    cameras = Cameras(
+        names=("a", "b"),
+        sizes=((64, 48), (48, 64)),
+        intrinsics=jnp.asarray(rng.random((2, 3, 3)), jnp.float32),
+        distortion=jnp.asarray(rng.random((2, 5)), jnp.float32),
+        cam_from_world=jnp.asarray(rng.random((2, 6, 4, 4)), jnp.float32),
+    )
+    return box_motion(
+        character,
+        status=["ok", "ok", "doubtful", "lost", "ok", "ok"],
+        energy={"view_view": np.arange(6.0), "model_view": np.array([0.1, np.nan, 0.3, 0.4, 0.5, 0.6])},
+        provenance={"seed": 7, "settings": {"lambda": np.float32(0.5)}, "capture": "Straße"},
+        cameras=cameras,
+        up="z",
+    )
+
+
+ARRAYS = ("root", "angles", "frames", "timestamps", "joints", "confidence", "status")
+
+
+def test_saving_and_loading_keeps_every_bit(motion, tmp_path):
+    motion.save(tmp_path / "result")
+    loaded = Motion.load(tmp_path / "result")
+    for name in ARRAYS:
+        ours, theirs = getattr(motion, name), getattr(loaded, name)
+        assert ours.dtype == theirs.dtype, name
+        assert ours.tobytes() == theirs.tobytes(), name
+    assert list(loaded.energy) == ["model_view", "view_view"]
+    for name, values in motion.energy.items():
+        assert values.tobytes() == loaded.energy[name].tobytes()
+    before, after = (jax.tree.flatten((m.character, m.cameras)) for m in (motion, loaded))
+    assert before[1] == after[1]
+    for ours, theirs in zip(before[0], after[0], strict=True):
+        assert ours.dtype == theirs.dtype
+        assert np.array_equal(ours, theirs)
+    assert loaded.provenance == {"seed": 7, "settings": {"lambda": 0.5}, "capture": "Straße"}
+    assert loaded.up == "z"
+    assert np.array_equal(loaded.vertices(3), motion.vertices(3))
+
+
+def test_saving_the_same_motion_twice_gives_the_same_bytes(motion, tmp_path):
+    for name in "ab":
+        motion.save(tmp_path / name)
+    assert (tmp_path / "a/motion.npz").read_bytes() == (tmp_path / "b/motion.npz").read_bytes()
+
+
+def test_numpy_alone_can_pose_the_mesh_from_the_file(motion, character, tmp_path):
+    motion.save(tmp_path)
+    with np.load(tmp_path / "motion.npz", allow_pickle=False) as stored:
+        assert stored["pose"].shape == (6, 39) == (6, len(stored["dof_names"]))
+        rebuilt = retract(character.skeleton, rest_pose(character.skeleton), jnp.asarray(stored["pose"][2]))
+        assert stored["joints"].shape[1] == len(stored["joint_names"]) == stored["confidence"].shape[1]
+        assert sorted(stored["energy_terms"]) == ["model_view", "view_view"]
+    assert np.allclose(rebuilt.root, motion.root[2], atol=1e-5)
+    assert np.allclose(skin(character, rebuilt), motion.vertices(2), atol=1e-5)
+
+
+def test_report_tells_the_verdict_of_every_frame(motion, tmp_path):
+    motion.save(tmp_path)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["lost_frames"] == 1
+    assert report["doubtful_frames"] == 1
+    assert [verdict["status"] for verdict in report["verdicts"]] == motion.status.tolist()
+    assert report["verdicts"][1]["energy"] == {"model_view": None, "view_view": 1.0}
+    assert report["provenance"]["seed"] == 7
+
+
+def test_vertices_and_joints_are_those_of_the_pose(motion, character):
+    pose = motion.pose(4)
+    assert np.allclose(motion.vertices(4), skin(character, pose), atol=1e-6)
+    assert np.allclose(motion.joints[4], landmark_positions(character.skeleton, pose), atol=1e-6)
+    assert np.allclose(motion.body_transforms[4, 0], pose.root, atol=1e-5)
+
+
+def test_slicing_keeps_rows_together(motion):
+    for part, rows in ((motion[1:4], [1, 2, 3]), (motion[motion.status == "ok"], [0, 1, 4, 5])):
+        assert part.frames.tolist() == rows
+        assert np.array_equal(part.joints, motion.joints[rows])
+        assert np.array_equal(part.energy["view_view"], np.float32(rows))
+        assert np.array_equal(part.cameras.cam_from_world, motion.cameras.cam_from_world[:, np.array(rows)])
+
+
+def test_cameras_at_takes_positions_and_refuses_others(motion):
+    assert np.array_equal(cameras_at(motion.cameras, [4, 5]).cam_from_world, motion.cameras.cam_from_world[:, 4:])
+    with pytest.raises(InputError, match="Frame 6 has no camera pose"):
+        cameras_at(motion.cameras, [5, 6])
+
+
+def test_arrays_cannot_be_changed(motion):
+    with pytest.raises(ValueError, match="read-only"):
+        motion.root[0] = 0
+
+
+def _with(motion, name, row, value):
+    values = getattr(motion, name).copy()
+    values[row] = value
+    return {name: values}
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda m: _with(m, "root", 2, np.nan), r"root holds a number that is not finite, at \(2, 0, 0\)"),
+        (lambda m: _with(m, "angles", 1, np.inf), "angles holds a number that is not finite"),
+        (lambda m: _with(m, "root", 3, 2 * np.eye(4)), "root at frame 3 is not a rigid transform"),
+        (lambda m: _with(m, "timestamps", 3, 0.0), "timestamps do not increase"),
+        (lambda m: _with(m, "frames", 1, 0), "frames do not increase"),
+        (lambda m: {"status": np.full(6, "fine")}, "status holds 'fine'; one of ok, doubtful, lost"),
+        (lambda m: {"angles": m.angles[:5]}, r"angles has shape \(5, 33\); \(6, 33\) was expected"),
+        (lambda m: {"energy": {"smooth": np.zeros(4)}}, r"energy_smooth has shape \(4,\)"),
+        (lambda m: {"cameras": cameras_at(m.cameras, [0, 1])}, "cam_from_world has shape"),
+        (lambda m: {"up": "x"}, "vertical axis is 'x'"),
+    ],
+)
+def test_impossible_motions_are_refused_in_a_sentence(motion, change, sentence):
+    with pytest.raises(InputError, match=sentence):
+        replace(motion, **change(motion))
+
+
+def test_a_motion_needs_a_frame(character):
+    none = Pose(root=jnp.zeros((0, 4, 4)), angles=jnp.zeros((0, 33)))
+    with pytest.raises(InputError, match="at least one frame"):
+        Motion.from_poses(character, none, [], [])
