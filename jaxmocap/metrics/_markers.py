@@ -58,7 +58,7 @@ def marker_error(
         markers = sample(np.asarray(marker_times, np.float64), markers, motion.timestamps)
     if len(markers) != len(motion):
         raise InputError(f"There are {len(markers)} rows of markers for {len(motion)} frames; give marker_times too.")
-    seen = np.isfinite(markers).all(-1)
+    seen = np.all(np.isfinite(markers), axis=-1)
     attached = np.flatnonzero(seen[0])
     if len(attached) == 0:
         raise InputError(f"No marker is seen in frame {motion.frames[0]}, the first evaluated; start where some are.")

@@ -116,7 +116,7 @@ def _draw_bones(
     sure = np.ones(len(pixels)) if confidence is None else np.clip(np.asarray(confidence, np.float64), 0, 1)
     colours = sure[:, None] * _SURE + (1 - sure[:, None]) * _UNSURE
     points = np.round((pixels - 0.5) * 16)  # four fractional bits; OpenCV counts from the centre of the first pixel
-    usable = np.isfinite(points).all(1) & (np.abs(points) < 2**19).all(1)
+    usable = np.all(np.isfinite(points) & (np.abs(points) < 2**19), axis=1)
     for start, end in _BONES:
         a, b = index.get(start), index.get(end)
         if a is None or b is None or not (usable[a] and usable[b]):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import av
 import numpy as np
+from av.container import OutputContainer
 from jaxtyping import UInt8
 
 from jaxmocap._results import InputError
@@ -23,7 +24,7 @@ class VideoWriter:
     Use through `open_video`. Raises `InputError` if times do not increase or the size changes.
     """
 
-    def __init__(self, container: av.container.OutputContainer, path: Path, quality: int):
+    def __init__(self, container: OutputContainer, path: Path, quality: int):
         self._container, self._path, self._quality = container, path, quality
         self._stream = None
         self._shape: tuple[int, ...] = ()

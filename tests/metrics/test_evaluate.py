@@ -1,4 +1,6 @@
 import json
+import os
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -196,3 +198,16 @@ def test_silhouette_overlap():
     assert silhouette_iou(a, b) == pytest.approx(1 / 3)
     with pytest.raises(ValueError, match="shapes"):
         silhouette_iou(a, b[:2])
+
+
+@pytest.mark.parametrize("name", ["plaza", "plaza_raw", "street", "balance"])
+def test_the_truths_of_the_example_captures_are_read(name):
+    path = Path(os.environ.get("JAXMOCAP_DATA", Path(__file__).parents[3] / "shared/data")) / name / "truth.npz"
+    if not path.exists():
+        pytest.skip(f"{path} is not here")
+    truth = Truth.read(path)
+    assert truth.joints.shape[:2] == (len(truth.times), len(truth.joint_names))
+    assert (truth.markers is None) == (name == "balance")
+    assert (truth.cam_from_world is None) == (name != "plaza_raw")
+    assert np.isclose(truth.times[1], 1 / 60 if name == "balance" else 1 / 30)
+    assert len({"neck", "l_shoulder", "r_ankle"} & set(truth.joint_names) & set(CHARACTER.skeleton.landmark_names)) == 3
