@@ -73,9 +73,9 @@ def grid_ids(
     """Background triangle per pixel of a window (Sec. 4.1): the deformed triangle that covers the pixel's centre.
 
     `vertices` are the warped grid in pixels of the whole image, `origin` the (y, x) of the window's first pixel,
-    `height` and `width` the window's size. Where triangles fold over each other the one closest to a similar copy of its
-    `rest` shape is kept (without `rest`: the one of lowest index). Uncovered pixels take the nearest triangle, to within
-    a few pixels, or -1 with `fill="none"`.
+    `height` and `width` the window's size. Where triangles fold over each other the one closest to a similar copy of
+    its `rest` shape is kept (without `rest`: the one of lowest index). Uncovered pixels take the nearest triangle, to
+    within a few pixels, or -1 with `fill="none"`.
     """
     settings = GridSettings() if settings is None else settings
     triangles = grid_triangles(settings.rows, settings.columns)

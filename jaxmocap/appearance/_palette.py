@@ -28,7 +28,7 @@ class Palette(eqx.Module):
 def fit_palette(pixels: Float[Array, "pixel 3"], size: int = 1024, *, samples: int = 60_000) -> Palette:
     """Palette of `size` colours for the pixels (RGB in [0, 1] or uint8): median cut, then eight Lloyd steps.
 
-    Deterministic. At most `samples` evenly spread pixels are used; give the person's pixels their share, since a
+    Deterministic; smaller if the pixels have fewer colours. At most `samples` evenly spread pixels are used; give the person's pixels their share, since a
     colour that the sample lacks is represented coarsely.
     """
     rgb = np.asarray(pixels)
@@ -83,7 +83,7 @@ def label_image(
     else:
         cell = numbers.clip((image * LATTICE).astype(np.int32), 0, LATTICE - 1)
     index = (cell[..., 0] * LATTICE + cell[..., 1]) * LATTICE + cell[..., 2]
-    return numbers.take(numbers.asarray(palette.nearest), index, axis=0)
+    return numbers.take(numbers.asarray(palette.nearest), index, axis=0, mode="clip")
 
 
 @eqx.filter_jit

@@ -1,0 +1,262 @@
+"""Background features matched between two frames of a camera, and the empty scene seen through them (Fig. 5)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from jaxmocap.appearance import GridSettings, grid_ids, grid_triangles, grid_vertices
+
+Matches = tuple[Float[np.ndarray, "match 2"], Float[np.ndarray, "match 2"]]
+"""Pixels (x, y) in the first and in the second frame, centre of the first pixel at (0.5, 0.5)."""
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """How background features are found and filtered.
+
+    - `count`: SIFT features per frame. `scales`: image scales tried in turn until `enough` matches survive; half
+      resolution takes a fifth of the time and usually suffices. `ratio`: of nearest to second nearest descriptor.
+    - `model`: the global check, `"fundamental"` (keeps parallax) or `"homography"`, at `threshold` pixels.
+    - `blocks`: the image is cut into blocks x blocks, and each asks for a common affine motion at `block_threshold`
+      pixels; 0 turns it off.
+    - `minimum`: direct matches below which tracks from the previous frame are added.
+    - `mask_growth`: pixels by which the person mask grows; `mask_growth_to`: the same for the second frame, where the
+      mask is a prediction, as a share of the image height.
+    """
+
+    count: int = 3000
+    scales: tuple[float, ...] = (0.5, 1.0)
+    enough: int = 100
+    ratio: float = 0.8
+    model: Literal["fundamental", "homography"] = "fundamental"
+    threshold: float = 3.0
+    blocks: int = 4
+    block_threshold: float = 2.0
+    minimum: int = 50
+    mask_growth: int = 7
+    mask_growth_to: float = 0.03
+
+
+@dataclass(frozen=True)
+class FrameFeatures:
+    """Keypoints and descriptors of one frame, computed when first asked for and kept: keep it for a selected frame.
+
+    `mask` marks pixels that are not background, already grown.
+    """
+
+    image: UInt8[np.ndarray, "height width 3"]
+    mask: Bool[np.ndarray, "height width"] | None = None
+    settings: FeatureSettings = FeatureSettings()
+    _found: dict[float, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, repr=False, compare=False)
+
+    def at(self, scale: float) -> tuple[Float[np.ndarray, "feature 2"], Float[np.ndarray, "feature 128"]]:
+        """Pixels of the full image, and SIFT descriptors, found at an image scale."""
+        if scale not in self._found:
+            self._found[scale] = self._detect(scale)
+        return self._found[scale]
+
+    def _detect(self, scale: float) -> tuple[np.ndarray, np.ndarray]:
+        grey = cv2.cvtColor(self.image, cv2.COLOR_RGB2GRAY)
+        allowed = None if self.mask is None else np.where(self.mask, 0, 255).astype(np.uint8)
+        if scale != 1:
+            size = (round(grey.shape[1] * scale), round(grey.shape[0] * scale))
+            grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+            allowed = None if allowed is None else cv2.resize(allowed, size, interpolation=cv2.INTER_NEAREST)
+        keypoints, descriptors = cv2.SIFT_create(self.settings.count).detectAndCompute(grey, allowed)
+        if not keypoints:
+            return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+        factor = (self.image.shape[1] / grey.shape[1], self.image.shape[0] / grey.shape[0])
+        return (np.array([point.pt for point in keypoints]) + 0.5) * factor, descriptors
+
+
+def frame_features(
+    image: UInt8[np.ndarray, "height width 3"],
+    mask: Bool[np.ndarray, "height width"] | None,
+    growth: int,
+    settings: FeatureSettings | None = None,
+) -> FrameFeatures:
+    """Features of a frame outside a mask that is first grown by `growth` pixels."""
+    settings = FeatureSettings() if settings is None else settings
+    return FrameFeatures(image, None if mask is None else _grown(mask, growth), settings)
+
+
+def match_background(
+    image_from: UInt8[np.ndarray, "height width 3"] | FrameFeatures,
+    mask_from: Bool[np.ndarray, "height width"] | None,
+    image_to: UInt8[np.ndarray, "height width 3"],
+    mask_to: Bool[np.ndarray, "height width"] | None,
+    settings: FeatureSettings | None = None,
+    *,
+    previous: tuple[UInt8[np.ndarray, "height width 3"], Matches] | None = None,
+) -> Matches:
+    """Background points of a selected frame and where they are in another frame (Sec. 4.1, the features of [51]).
+
+    SIFT with a ratio test, a global epipolar check, then a local one per block. `mask_from` is the person in the
+    selected frame, `mask_to` the person's prediction in the other frame; both are grown here. Pass the selected frame
+    as `FrameFeatures` (its mask is then used) to compute its features once. `previous` is the frame before `image_to`
+    with its matches to the selected frame: if fewer than `settings.minimum` direct matches remain, these points are
+    tracked on (Lucas-Kanade, checked forwards and backwards) and added.
+    """
+    settings = FeatureSettings() if settings is None else settings
+    first = image_from
+    if not isinstance(first, FrameFeatures):
+        first = frame_features(first, mask_from, settings.mask_growth, settings)
+    second = frame_features(image_to, mask_to, round(settings.mask_growth_to * image_to.shape[0]), settings)
+    matches: Matches = (np.zeros((0, 2)), np.zeros((0, 2)))
+    for scale in settings.scales:
+        found = _consistent(_matched(first.at(scale), second.at(scale), settings.ratio), image_to.shape, settings)
+        if len(found[0]) > len(matches[0]):
+            matches = found
+        if len(matches[0]) >= settings.enough:
+            break
+    if previous is not None and len(matches[0]) < settings.minimum:
+        tracked = track_points(previous[0], image_to, previous[1], second.mask)
+        matches = tuple(np.concatenate(pair) for pair in zip(matches, tracked, strict=True))
+    return matches
+
+
+def track_points(
+    image_previous: UInt8[np.ndarray, "height width 3"],
+    image_to: UInt8[np.ndarray, "height width 3"],
+    matches: Matches,
+    mask_to: Bool[np.ndarray, "height width"] | None = None,
+) -> Matches:
+    """Follow the second points of `matches` from `image_previous` into `image_to`; lost and masked ones are dropped.
+
+    Pyramidal Lucas-Kanade; a point is kept if tracking it back ends within half a pixel of where it began.
+    """
+    points_from, points = matches
+    if len(points) == 0:
+        return matches
+    previous, current = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (image_previous, image_to))
+    start = (points - 0.5).astype(np.float32)[:, None]
+    options = {"winSize": (21, 21), "maxLevel": 3}
+    forward, found, _ = cv2.calcOpticalFlowPyrLK(previous, current, start, None, **options)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(current, previous, forward, None, **options)
+    keep = (found.ravel() > 0) & (found_back.ravel() > 0)
+    keep &= np.linalg.norm((back - start)[:, 0], axis=1) < 0.5
+    points_to = forward[:, 0].astype(np.float64) + 0.5
+    height, width = current.shape
+    keep &= (points_to >= 0).all(axis=1) & (points_to[:, 0] < width) & (points_to[:, 1] < height)
+    if mask_to is not None:
+        keep[keep] = ~mask_to[points_to[keep, 1].astype(int), points_to[keep, 0].astype(int)]
+    return points_from[keep], points_to[keep]
+
+
+def remove_foreground(
+    images: Sequence[UInt8[np.ndarray, "height width 3"]],
+    masks: Sequence[Bool[np.ndarray, "height width"]],
+    vertices: Sequence[Float[np.ndarray, "vertex 2"]],
+    target: int,
+    grid: GridSettings | None = None,
+    *,
+    mask_growth: int = 7,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The selected frame `images[target]` without the person (Fig. 5). For display only.
+
+    `vertices[n]` is the grid of selected frame n warped to the target frame (the target's own is not used). The person
+    is filled with the per-pixel median of the other warped frames where they show background, and the rest by Telea's
+    inpainting. All frames are of one camera.
+    """
+    grid = GridSettings() if grid is None else grid
+    hole = _grown(masks[target], mask_growth)
+    layers = []
+    for n, (image, mask) in enumerate(zip(images, masks, strict=True)):
+        if n != target:
+            warped, seen = warp_image(image, ~_grown(mask, mask_growth), vertices[n], grid)
+            layers.append(np.where(seen[..., None], warped.astype(np.float32), np.nan)[hole])
+    filled = images[target].copy()
+    rest = hole.copy()
+    if layers:
+        known = ~np.isnan(np.stack(layers)[..., 0]).all(axis=0)
+        values = np.zeros((len(known), 3), np.float32)
+        values[known] = np.nanmedian(np.stack(layers)[:, known], axis=0)
+        filled[hole] = np.where(known[:, None], np.round(values).astype(np.uint8), filled[hole])
+        rest[hole] = ~known
+    return cv2.inpaint(filled, rest.astype(np.uint8), 5, cv2.INPAINT_TELEA) if rest.any() else filled
+
+
+def warp_image(
+    image: UInt8[np.ndarray, "height width 3"],
+    usable: Bool[np.ndarray, "height width"],
+    vertices: Float[np.ndarray, "vertex 2"],
+    grid: GridSettings | None = None,
+) -> tuple[UInt8[np.ndarray, "height width 3"], Bool[np.ndarray, "height width"]]:
+    """An image carried by its warped grid (affine per triangle), and where the result comes from usable pixels."""
+    grid = GridSettings() if grid is None else grid
+    height, width = image.shape[:2]
+    regular = grid_vertices(height, width, grid.rows, grid.columns)
+    triangles = grid_triangles(grid.rows, grid.columns)
+    ids = grid_ids(
+        vertices, height, width, GridSettings(rows=grid.rows, columns=grid.columns, fill="none"), rest=regular
+    )
+    corners = np.concatenate([vertices[triangles], np.ones((len(triangles), 3, 1))], axis=2)
+    covered = np.unique(ids[ids >= 0])
+    affine = np.zeros((len(triangles), 3, 2))
+    affine[covered] = np.linalg.solve(corners[covered], regular[triangles[covered]])
+    y, x = np.nonzero(ids >= 0)
+    places = np.stack([x + 0.5, y + 0.5, np.ones(len(x))], axis=1)
+    source = np.full((height, width, 2), -1.0, np.float32)
+    source[y, x] = np.einsum("pi,pic->pc", places, affine[ids[y, x]]) - 0.5
+    warped = cv2.remap(image, source[..., 0], source[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    nearest = np.round(source).astype(int)
+    seen = ids >= 0
+    column, row = np.clip(nearest[..., 0], 0, width - 1), np.clip(nearest[..., 1], 0, height - 1)
+    return warped, seen & usable[row, column]
+
+
+def _grown(mask: np.ndarray, growth: int) -> Bool[np.ndarray, "height width"]:
+    """A mask and every pixel within `growth` of it."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * growth + 1, 2 * growth + 1))
+    return cv2.dilate((np.asarray(mask) != 0).astype(np.uint8), kernel) > 0
+
+
+def _matched(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], ratio: float) -> Matches:
+    """Pairs whose descriptors are nearest by a margin (Lowe's ratio test), by one matrix product."""
+    (points_from, described_from), (points_to, described_to) = first, second
+    if len(points_from) == 0 or len(points_to) < 2:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    squared = described_from @ described_to.T
+    squared *= -2
+    squared += np.sum(described_to**2, axis=1)
+    rows = np.arange(len(squared))
+    nearest = np.argmin(squared, axis=1)
+    best = squared[rows, nearest]
+    squared[rows, nearest] = np.inf
+    own = np.sum(described_from**2, axis=1)
+    keep = best + own < ratio**2 * (np.min(squared, axis=1) + own)
+    return points_from[keep], points_to[nearest[keep]]
+
+
+def _consistent(matches: Matches, shape: tuple[int, ...], settings: FeatureSettings) -> Matches:
+    """Matches that agree with a global model and with their block."""
+    points_from, points_to = matches
+    if len(points_from) < 8:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    if settings.model == "homography":
+        inlier = cv2.findHomography(points_from, points_to, cv2.USAC_MAGSAC, settings.threshold)[1]
+    else:
+        inlier = cv2.findFundamentalMat(points_from, points_to, cv2.USAC_MAGSAC, settings.threshold, 0.999, 5000)[1]
+    if inlier is None:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    points_from, points_to = points_from[inlier.ravel() > 0], points_to[inlier.ravel() > 0]
+    keep = np.ones(len(points_from), bool)
+    size = np.array([shape[1], shape[0]]) / max(settings.blocks, 1)
+    for row in range(settings.blocks):
+        for column in range(settings.blocks):
+            offset = points_from / size - (column + 0.5, row + 0.5)
+            around = np.abs(offset).max(axis=1) <= 1
+            inside = np.abs(offset).max(axis=1) <= 0.5
+            if around.sum() < 8 or not inside.any():
+                continue
+            agreed = cv2.estimateAffine2D(
+                points_from[around], points_to[around], ransacReprojThreshold=settings.block_threshold
+            )[1]
+            good = np.zeros(len(points_from), bool)
+            good[around] = agreed.ravel() > 0
+            keep &= good | ~inside
+    return points_from[keep], points_to[keep]
