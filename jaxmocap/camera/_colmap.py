@@ -53,17 +53,17 @@ _READABLE = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV
 
 def intrinsics_of(camera: ColmapCamera, where: str) -> tuple[np.ndarray, np.ndarray]:
     """The matrix K and the five distortion coefficients k1 k2 p1 p2 k3 of one COLMAP camera."""
+    if camera.model not in _READABLE.split(", "):
+        raise InputError(
+            f"{where} uses the camera model {camera.model}, which is not supported; expected one of {_READABLE}: "
+            "calibrate again with OPENCV, or undistort the videos first"
+        )
     p = camera.parameters
     shared_focal = camera.model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
     if shared_focal:
         fx, fy, cx, cy, rest = p[0], p[0], p[1], p[2], p[3:]
     else:
         fx, fy, cx, cy, rest = p[0], p[1], p[2], p[3], p[4:]
-    if camera.model not in _READABLE.split(", "):
-        raise InputError(
-            f"{where} uses the camera model {camera.model}, which is not supported; expected one of {_READABLE}: "
-            "calibrate again with OPENCV, or undistort the videos first"
-        )
     if len(rest) == 8 and any(rest[5:]):
         raise InputError(
             f"{where} is FULL_OPENCV with k4 k5 k6 = {rest[5:]}; only k1 k2 p1 p2 k3 are supported, so these must "

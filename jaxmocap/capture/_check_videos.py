@@ -53,13 +53,6 @@ def _pictures(camera: str, index: VideoIndex) -> Iterator[Finding]:
 
 
 def _times(camera: str, index: VideoIndex, nominal: float | None) -> Iterator[Finding]:
-    if index.announced > index.num_frames:
-        yield Finding(
-            "error",
-            camera,
-            f"video {index.path} is cut off: it announces {index.announced} frames and holds {index.num_frames}; "
-            "copy it again",
-        )
     if index.num_frames < 2:
         return
     measured = (index.num_frames - 1) / index.seconds[-1]

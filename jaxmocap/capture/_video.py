@@ -16,15 +16,13 @@ _READ_ON = 48  # frames ahead up to which decoding on is preferred to seeking
 @dataclass(frozen=True, eq=False)
 class VideoIndex:
     """What a video holds: `size` (width, height) as displayed, `pts` in `time_base` units, sorted, and `seconds` since
-    the first frame. `quarter_turns` counter-clockwise bring a stored picture upright. `announced` is the number of
-    frames the container claims (0 if it does not say)."""
+    the first frame. `quarter_turns` counter-clockwise bring a stored picture upright."""
 
     path: Path
     size: tuple[int, int]
     pts: Int64[np.ndarray, " frame"]
     seconds: Float64[np.ndarray, " frame"]
     quarter_turns: int
-    announced: int
 
     @property
     def num_frames(self) -> int:
@@ -54,44 +52,40 @@ def _open(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
     return container, stream
 
 
-def _decoded_pts(path: Path) -> list[int]:
-    """Timestamps by decoding everything, for containers (AVI, raw streams) whose packets carry none."""
-    container, stream = _open(path)
-    with container:
-        pts = [frame.pts for frame in container.decode(stream)]
-    if None in pts:
-        raise InputError(f"video {path} has frames without timestamps; convert it to MP4 first")
-    return pts
-
-
 def index_video(path: Path) -> VideoIndex:
     """Read all timestamps of a video (without decoding it) and decode its first frame for size and rotation."""
-    container, stream = _open(path)
     try:
+        container, stream = _open(path)
+        with container:
+            stored, pts = 0, []
+            for packet in container.demux(stream):
+                stored += packet.size > 0
+                if packet.size and not packet.is_discard:
+                    pts.append(packet.pts)
+            missing = max(stream.frames - stored, 0) if "mp4" in container.format.name else 0
+            guessed = container.format.name == "avi" and stream.codec_context.has_b_frames
+            time_base = stream.time_base
+        container, stream = _open(path)
         with container:
             first = next(container.decode(stream), None)
-            if first is None:
-                raise InputError(f"video {path} has no frames")
-            container.seek(0)
-            packets = [packet for packet in container.demux(stream) if packet.size and not packet.is_discard]
-            pts = [packet.pts for packet in packets]
-            announced, time_base = stream.frames, stream.time_base
-        if any(value is None for value in pts) or not pts:
-            pts = _decoded_pts(path)
     except (av.FFmpegError, OSError) as error:
         raise InputError(
             f"video {path} cannot be decoded: {error}; the file is damaged or its codec unknown"
         ) from error
-    if time_base is None:
-        raise InputError(f"video {path} does not say in which unit its timestamps are; convert it to MP4 first")
+    if missing:
+        raise InputError(f"video {path} is cut off: {missing} of its frames are not in the file; copy it again")
+    if first is None:
+        raise InputError(f"video {path} has no frames")
+    if guessed or None in pts or time_base is None or first.pts is None:
+        raise InputError(f"video {path} does not tell when each of its frames is shown; convert it to MP4 first")
     values = np.unique(np.asarray(pts, np.int64))
-    values = values[values >= first.pts] if first.pts is not None else values
+    values = values[values >= first.pts]
     turns = round(first.rotation / 90) % 4
     if abs(first.rotation - 90 * round(first.rotation / 90)) > 1:
         raise InputError(f"video {path} is turned by {first.rotation} degrees; only multiples of 90 are supported")
     size = (first.height, first.width) if turns % 2 else (first.width, first.height)
     seconds = (values - values[0]) * float(time_base)
-    return VideoIndex(path, size, values, seconds, turns, announced)
+    return VideoIndex(path, size, values, seconds, turns)
 
 
 class FrameReader:
