@@ -28,8 +28,8 @@ class Palette(eqx.Module):
 def fit_palette(pixels: Float[Array, "pixel 3"], size: int = 1024, *, samples: int = 60_000) -> Palette:
     """Palette of `size` colours for the pixels (RGB in [0, 1] or uint8): median cut, then eight Lloyd steps.
 
-    Deterministic; smaller if the pixels have fewer colours. At most `samples` evenly spread pixels are used; give the person's pixels their share, since a
-    colour that the sample lacks is represented coarsely.
+    Deterministic; smaller if the pixels have fewer colours. At most `samples` evenly spread pixels are used; give the
+    person's pixels their share, since a colour that the sample lacks is represented coarsely.
     """
     rgb = np.asarray(pixels)
     rgb = rgb.reshape(-1, 3).astype(np.float64) / (255 if rgb.dtype == np.uint8 else 1)

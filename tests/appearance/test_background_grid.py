@@ -15,13 +15,11 @@ def regular():
 def covering(vertices, triangles, points):
     """Which triangles strictly contain which points, by the signs of three areas."""
     a, b, c = (vertices[triangles[:, i]][:, None] for i in range(3))
-    cross = lambda p, q, r: (
-        (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1])
-        - (  # noqa: E731
-            q[..., 1] - p[..., 1]
-        )
-        * (r[..., 0] - p[..., 0])
-    )
+
+    def cross(p, q, r):
+        first, second = q - p, r - p
+        return first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+
     signs = np.stack([cross(a, b, points), cross(b, c, points), cross(c, a, points)])
     return (signs > 1e-9).all(axis=0) | (signs < -1e-9).all(axis=0)
 
