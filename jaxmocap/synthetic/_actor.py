@@ -19,11 +19,11 @@ _HINTS = ("knuckles", "fingertips", "thumb")
 _CENTRE_FLESH: dict[str, tuple[list[tuple[str, str]], float]] = {
     "pelvis": ([("pelvis", "spine"), ("l_hip", "r_hip")], 0.105),
     "abdomen": ([("spine", "thorax")], 0.125),
-    "chest": ([("thorax", "neck"), ("l_clavicle", "r_clavicle")], 0.125),
+    "chest": ([("thorax", "neck")], 0.125),
     "head": ([("neck", "head"), ("head", "head_top")], 0.060),
 }
 _SIDE_FLESH: dict[str, tuple[list[tuple[str, str]], float]] = {
-    "clavicle": ([("clavicle", "shoulder")], 0.050),
+    "clavicle": ([("clavicle", "shoulder")], 0.058),
     "upper_arm": ([("shoulder", "elbow")], 0.048),
     "forearm": ([("elbow", "wrist")], 0.036),
     "hand": ([("wrist", "knuckles"), ("knuckles", "fingertips"), ("wrist", "thumb")], 0.026),

@@ -36,7 +36,7 @@ def handheld_paths(
     for camera in range(num_cameras):
         rng = np.random.default_rng([seed, 3, camera])
         azimuth = (camera - 0.5 * (num_cameras - 1)) * VIEW_ANGLE
-        drift = np.stack([_band(rng, times, 0.05, 0.25, a) for a in (0.18, 0.05, 0.12)], axis=1)
+        drift = np.stack([_band(rng, times, 0.05, 0.25, a) for a in (0.12, 0.04, 0.10)], axis=1)
         tremble = np.stack([_band(rng, times, 0.8, 3.0, 0.012) for _ in range(3)], axis=1)
         turn = np.stack([_band(rng, times, 0.4, 2.5, np.radians(a)) for a in (0.6, 0.6, 0.8)], axis=1)
         stand = np.array([distance * np.sin(azimuth), 1.38 + 0.1 * (camera % 2), distance * np.cos(azimuth)])

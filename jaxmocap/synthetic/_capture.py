@@ -106,7 +106,8 @@ def make_capture(
 
     character = make_actor(height)
     poses = dance(character.skeleton, times, motion_scale)
-    vertices, joints = (np.asarray(value, float) for value in _skinned(character, poses))
+    posed = [_skinned(character, Pose(*pose)) for pose in zip(poses.root, poses.angles, strict=True)]
+    vertices, joints = (np.stack(values).astype(float) for values in zip(*posed, strict=True))
     paths = handheld_paths(times, ground_path(times, motion_scale), size, num_cameras, seed, camera_shake, height)
 
     every = 1 + sub_frames
@@ -159,9 +160,8 @@ def _check(num_frames: int, size: tuple[int, int], num_cameras: int, sub_frames:
 
 
 @eqx.filter_jit
-def _skinned(character: Character, poses: Pose) -> tuple[Float[jax.Array, "f vertex 3"], Float[jax.Array, "f joint 3"]]:
-    vertices = jax.vmap(skin, (None, 0))(character, poses)
-    return vertices, jax.vmap(landmark_positions, (None, 0))(character.skeleton, poses)
+def _skinned(character: Character, pose: Pose) -> tuple[Float[jax.Array, "vertex 3"], Float[jax.Array, "joint 3"]]:
+    return skin(character, pose), landmark_positions(character.skeleton, pose)
 
 
 def _film(

@@ -62,10 +62,11 @@ def dance(skeleton: Skeleton, times: Float[np.ndarray, "frame"], scale: float = 
     for prefix, phase in (("l_", 0.0), ("r_", 0.5)):
         lift = np.maximum(0, np.sin(2 * np.pi * (STEP_RATE * times + phase))) ** 2
         highest = np.exp(-(((times - _KNEE_LIFT_TIME) / 0.32) ** 2)) * (prefix == "l_")
-        vectors[:, column[prefix + "hip_flex"]] += np.radians(2 + scale * (30 + 38 * highest) * lift)
-        vectors[:, column[prefix + "knee_flex"]] += np.radians(6 + scale * (48 + 32 * highest) * lift)
+        vectors[:, column[prefix + "hip_flex"]] += np.radians(2 + scale * (30 + 28 * highest) * lift)
+        vectors[:, column[prefix + "knee_flex"]] += np.radians(6 + scale * (44 + 28 * highest) * lift)
         vectors[:, column[prefix + "ankle_dorsi"]] += np.radians(4 - scale * 16 * lift)
-    return _standing(skeleton, jnp.asarray(vectors, jnp.float32))
+    poses = [_standing(skeleton, vector) for vector in jnp.asarray(vectors, jnp.float32)]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *poses)
 
 
 def ground_path(times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Float[np.ndarray, "frame 3"]:
@@ -83,15 +84,11 @@ def _waves(waves: list[tuple[float, float, float]], times: np.ndarray) -> np.nda
 
 
 @eqx.filter_jit
-def _standing(skeleton: Skeleton, vectors: Float[jax.Array, "frame dof"]) -> Pose:
-    """The poses, each raised or lowered so that a flat foot stands on the ground; within half a centimetre, smoothly,
-    where the weight goes over to the other foot or only a toe or heel touches."""
+def _standing(skeleton: Skeleton, vector: Float[jax.Array, " dof"]) -> Pose:
+    """The pose, raised or lowered so that a flat foot stands on the ground; within half a centimetre, smoothly, where
+    the weight goes over to the other foot or only a toe or heel touches."""
     feet = jnp.array([i for i, name in enumerate(skeleton.landmark_names) if name.endswith(("_toe", "_heel"))])
-
-    def stand(vector: Float[jax.Array, " dof"]) -> Pose:
-        pose = pose_from_vector(skeleton, vector)
-        heights = landmark_positions(skeleton, pose)[feet, 1] - skeleton.landmarks[feet, 1]
-        lowest = -_SOFTNESS * (jax.nn.logsumexp(-heights / _SOFTNESS) - jnp.log(4.0))
-        return Pose(root=pose.root.at[1, 3].add(-lowest), angles=pose.angles)
-
-    return jax.vmap(stand)(vectors)
+    pose = pose_from_vector(skeleton, vector)
+    heights = landmark_positions(skeleton, pose)[feet, 1] - skeleton.landmarks[feet, 1]
+    lowest = -_SOFTNESS * (jax.nn.logsumexp(-heights / _SOFTNESS) - jnp.log(4.0))
+    return Pose(root=pose.root.at[1, 3].add(-lowest), angles=pose.angles)
