@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 
 def clean_mesh(
@@ -40,7 +40,7 @@ def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
 
 def _weld(vertices: np.ndarray, tolerance: float) -> np.ndarray:
     """For every vertex its welded number; groups are numbered in the order of their first vertex."""
-    pairs = cKDTree(vertices).query_pairs(tolerance, output_type="ndarray")
+    pairs = KDTree(vertices).query_pairs(tolerance, output_type="ndarray")
     size = len(vertices)
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
     _, label = connected_components(graph, directed=False)

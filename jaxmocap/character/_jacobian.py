@@ -1,5 +1,6 @@
 """How skinned points move with the increment (the adjoint of Eq. 2) and the Taylor update (Eq. 4)."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -11,6 +12,7 @@ from ._pose import Pose
 from ._skeleton import Skeleton
 
 
+@jax.jit
 def points_and_jacobian(
     skeleton: Skeleton, pose: Pose, points: Float[Array, "point 3"], weights: Float[Array, "point bone"]
 ) -> tuple[Float[Array, "point 3"], Float[Array, "point 3 dof"]]:
@@ -40,6 +42,7 @@ def points_and_jacobian(
     return positions, jnp.concatenate([translation, rotation, jnp.swapaxes(joints, 1, 2)], axis=2)
 
 
+@jax.jit
 def taylor_skin(
     character: Character, pose: Pose, deltas: Float[Array, "particle dof"]
 ) -> Float[Array, "particle vertex 3"]:

@@ -1,8 +1,10 @@
 """Forward kinematics and skinning (Eqs 1 and 2)."""
 
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -58,17 +60,20 @@ def chain(skeleton: Skeleton, pose: Pose) -> Chain:
     return Chain(rotations[order], translations[order], before_rotations, before_translations)
 
 
+@jax.jit
 def body_transforms(skeleton: Skeleton, pose: Pose) -> Float[Array, "bone 4 4"]:
     """World-from-rest transform of every body (Eq. 2); the identity at the rest pose. Metres."""
     bodies = chain(skeleton, pose)
     return rigid(bodies.rotations, bodies.translations)
 
 
+@jax.jit
 def skin(character: Character, pose: Pose) -> Float[Array, "vertex 3"]:
     """Linear blend skinning (Eq. 1), `v = (sum_i omega_i T_i) v0`: world positions of all vertices, metres."""
     return blend(character.skeleton, pose, character.vertices, character.weights)
 
 
+@jax.jit
 def blend(
     skeleton: Skeleton, pose: Pose, points: Float[Array, "point 3"], weights: Float[Array, "point bone"]
 ) -> Float[Array, "point 3"]:
@@ -85,15 +90,21 @@ def blend(
     return jnp.matmul(left.reshape(len(points), -1), right.reshape(-1, 3), precision="highest")
 
 
+@jax.jit
 def landmark_positions(skeleton: Skeleton, pose: Pose) -> Float[Array, "landmark 3"]:
     """World positions of the joints and other landmarks, in the order of `skeleton.landmark_names`, metres."""
     bodies = chain(skeleton, pose)
-    index = np.array(skeleton.landmark_bodies)
+    index = _rows(skeleton.landmark_bodies)
     return _apply(bodies.rotations[index], skeleton.landmarks) + bodies.translations[index]
 
 
 def _apply(rotations: Array, vectors: Array) -> Array:
     return jnp.sum(rotations * vectors[..., None, :], axis=-1)
+
+
+def _rows(numbers: Iterable[int]) -> np.ndarray:
+    """Row numbers for indexing: unsigned, so that XLA gets a plain gather without the wrap of negative indices."""
+    return np.array(list(numbers), dtype=np.uint32)
 
 
 class _Level(NamedTuple):
@@ -118,15 +129,15 @@ def _schedule(parents: tuple[int, ...], dof_body: tuple[int, ...]) -> _Schedule:
     levels, dof_sequence = [], []
     for current in range(max(depth) + 1):
         bodies = [body for body in range(len(parents)) if depth[body] == current]
-        parent_rows = np.array([row[parents[body]] for body in bodies])
+        parent_rows = _rows(row[parents[body]] for body in bodies)
         slots = []
         for slot in range(max(len(dofs_of[body]) for body in bodies)):
             turned = [i for i, body in enumerate(bodies) if len(dofs_of[body]) > slot]
             dofs = [dofs_of[bodies[i]][slot] for i in turned]
             dof_sequence += dofs
-            slots.append((np.array(dofs), np.array(turned)))
+            slots.append((_rows(dofs), _rows(turned)))
         for body in bodies:
             row[body] = len(row)
         levels.append(_Level(parent_rows, tuple(slots)))
-    body_order = np.array([row[body] for body in range(len(parents))])
-    return _Schedule(tuple(levels), body_order, np.argsort(dof_sequence))
+    body_order = _rows(row[body] for body in range(len(parents)))
+    return _Schedule(tuple(levels), body_order, _rows(np.argsort(dof_sequence)))

@@ -1,6 +1,7 @@
 """The pose, and the increments by which it moves."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -30,6 +31,7 @@ def pelvis_position(skeleton: Skeleton, pose: Pose) -> Float[Array, "3"]:
     return jnp.sum(pose.root[:3, :3] * skeleton.pelvis, axis=-1) + pose.root[:3, 3]
 
 
+@jax.jit
 def retract(skeleton: Skeleton, pose: Pose, delta: Float[Array, " dof"]) -> Pose:
     """Move a pose by an increment of 39 numbers.
 
@@ -49,6 +51,7 @@ def retract_root_twist(pose: Pose, delta: Float[Array, " dof"]) -> Pose:
     return Pose(root=matmul(se3_exp(delta[:6]), pose.root), angles=pose.angles + delta[6:])
 
 
+@jax.jit
 def difference(skeleton: Skeleton, a: Pose, b: Pose) -> Float[Array, " dof"]:
     """The increment from `a` to `b`: `retract(skeleton, a, difference(skeleton, a, b))` is `b`."""
     translation = pelvis_position(skeleton, b) - pelvis_position(skeleton, a)

@@ -1,0 +1,136 @@
+"""SO(3) and SE(3) against SciPy's matrix exponential, at zero, at pi and in between, in values and gradients."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from jaxmocap.geometry import (
+    ad,
+    adjoint,
+    hat,
+    matmul,
+    rigid,
+    se3_exp,
+    se3_inverse,
+    se3_left_jacobian,
+    se3_log,
+    so3_exp,
+    so3_left_jacobian,
+    so3_log,
+    transform,
+)
+
+ANGLES = [0.0, 1e-9, 1e-4, 0.03, 0.999, 1.001, 2.0, 3.0, np.pi - 1e-4, np.pi - 1e-8]
+
+
+def twist_of(angle: float, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    return np.concatenate([rng.normal(size=3), angle * axis / np.linalg.norm(axis)])
+
+
+def matrix_of(twist: np.ndarray) -> np.ndarray:
+    matrix = np.zeros((4, 4))
+    matrix[:3, :3] = hat(jnp.asarray(twist[3:]))
+    matrix[:3, 3] = twist[:3]
+    return matrix
+
+
+@pytest.fixture(autouse=True)
+def double_precision():
+    with jax.enable_x64():
+        yield
+
+
+def test_hat_is_the_cross_product():
+    a, b = np.random.default_rng(0).normal(size=(2, 5, 3))
+    np.testing.assert_allclose(jnp.einsum("nij,nj->ni", hat(jnp.asarray(a)), b), np.cross(a, b), atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_exponentials_equal_the_matrix_exponential(angle):
+    twist = twist_of(angle)
+    expected = expm(matrix_of(twist))
+    np.testing.assert_allclose(se3_exp(jnp.asarray(twist)), expected, atol=1e-13)
+    np.testing.assert_allclose(so3_exp(jnp.asarray(twist[3:])), expected[:3, :3], atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_logarithms_undo_exponentials(angle):
+    twist = jnp.asarray(twist_of(angle))
+    np.testing.assert_allclose(so3_log(so3_exp(twist[3:])), twist[3:], atol=1e-12)
+    np.testing.assert_allclose(se3_log(se3_exp(twist)), twist, atol=1e-11)
+
+
+@pytest.mark.parametrize("axis", np.eye(3).tolist() + [[0.6, -0.8, 0.0], [-0.48, 0.6, 0.64]])
+def test_logarithm_of_a_half_turn_has_length_pi_along_the_axis(axis):
+    vector = so3_log(2 * jnp.outer(jnp.array(axis), jnp.array(axis)) - jnp.eye(3))
+    assert float(jnp.linalg.norm(vector)) == pytest.approx(np.pi, abs=1e-12)
+    assert abs(float(vector @ jnp.array(axis))) == pytest.approx(np.pi, abs=1e-12)
+
+
+def test_single_precision_round_trip_near_pi():
+    with jax.enable_x64(False):
+        vector = jnp.array([2.0, -1.5, 1.8], jnp.float32)
+        vector = vector / jnp.linalg.norm(vector) * (jnp.pi - 1e-3)
+        np.testing.assert_allclose(so3_log(so3_exp(vector)), vector, atol=2e-6)
+
+
+@pytest.mark.parametrize("angle", ANGLES[:-1])
+def test_round_trip_has_the_identity_as_its_derivative(angle):
+    twist = jnp.asarray(twist_of(angle))
+    for jacobian in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(jacobian(lambda x: se3_log(se3_exp(x)))(twist), np.eye(6), atol=1e-7)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.5, 2.5])
+def test_second_derivatives_are_finite(angle):
+    twist = jnp.asarray(twist_of(angle))
+    hessian = jax.hessian(lambda x: jnp.sum(jnp.sin(se3_exp(x)) + se3_left_jacobian(x)[0, 0]))(twist)
+    assert np.all(np.isfinite(hessian))
+
+
+def test_adjoint_carries_twists():
+    pose = expm(matrix_of(twist_of(1.2, 1)))
+    twist = twist_of(0.7, 2)
+    carried = np.asarray(adjoint(jnp.asarray(pose)) @ twist)
+    expected = pose @ expm(matrix_of(twist)) @ np.linalg.inv(pose)
+    np.testing.assert_allclose(expm(matrix_of(carried)), expected, atol=1e-12)
+
+
+def test_ad_is_the_derivative_of_the_adjoint():
+    twist = jnp.asarray(twist_of(0.9))
+    derivative = jax.jvp(lambda t: adjoint(se3_exp(t * twist)), (0.0,), (1.0,))[1]
+    np.testing.assert_allclose(ad(twist), derivative, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.999, 1.001, 3.0, 5.0])
+def test_left_jacobian_equals_its_series(angle):
+    twist = jnp.asarray(twist_of(angle))
+    matrix, power, total, factorial = np.asarray(ad(twist)), np.eye(6), np.zeros((6, 6)), 1.0
+    for k in range(60):
+        factorial *= k + 1
+        total += power / factorial
+        power = power @ matrix
+    np.testing.assert_allclose(se3_left_jacobian(twist), total, atol=1e-11)
+    np.testing.assert_allclose(so3_left_jacobian(twist[3:]), total[3:, 3:], atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 2.0])
+def test_left_jacobian_is_the_derivative_of_the_exponential(angle):
+    twist = jnp.asarray(twist_of(angle))
+    inverse = se3_inverse(se3_exp(twist))
+    derivative = jax.jacfwd(lambda x: se3_log(matmul(se3_exp(x), inverse)))(twist)
+    np.testing.assert_allclose(se3_left_jacobian(twist), derivative, atol=1e-10)
+
+
+def test_inverse_undoes_a_transform_and_batches_agree():
+    twists = jnp.stack([jnp.asarray(twist_of(angle, n)) for n, angle in enumerate((0.1, 1.0, 2.0))])
+    poses = se3_exp(twists)
+    np.testing.assert_allclose(matmul(se3_inverse(poses), poses), np.tile(np.eye(4), (3, 1, 1)), atol=1e-14)
+    points = jnp.asarray(np.random.default_rng(0).normal(size=(3, 7, 3)))
+    expected = np.einsum("bij,bnj->bni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
+    np.testing.assert_allclose(transform(poses, points), expected, atol=1e-14)
+    np.testing.assert_allclose(rigid(poses[:, :3, :3], poses[:, :3, 3]), poses, atol=0)
