@@ -1,0 +1,27 @@
+"""Robust penalties and the weights that turn them into least squares."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+
+def geman_mcclure(residual: Float[Array, "*shape"], scale: ArrayLike) -> Float[Array, "*shape"]:
+    """Geman and McClure, 1987: `s^2 e^2 / (s^2 + e^2)`. It is e^2 for small residuals and never exceeds s^2."""
+    squared, ceiling = jnp.square(residual), jnp.square(jnp.asarray(scale))
+    return ceiling * squared / (ceiling + squared)
+
+
+def geman_mcclure_weight(residual: Float[Array, "*shape"], scale: ArrayLike) -> Float[Array, "*shape"]:
+    """Weight w with `d(w e^2) = d geman_mcclure(e)` while w is held: `(s^2 / (s^2 + e^2))^2`."""
+    ceiling = jnp.square(jnp.asarray(scale))
+    return jnp.square(ceiling / (ceiling + jnp.square(residual)))
+
+
+def huber(residual: Float[Array, "*shape"], scale: ArrayLike) -> Float[Array, "*shape"]:
+    """Huber, 1964: e^2 up to `scale`, then `2 s |e| - s^2`."""
+    size = jnp.abs(residual)
+    return jnp.where(size <= scale, jnp.square(residual), 2 * jnp.asarray(scale) * size - jnp.square(scale))
+
+
+def huber_weight(residual: Float[Array, "*shape"], scale: ArrayLike) -> Float[Array, "*shape"]:
+    """Weight w with `d(w e^2) = d huber(e)` while w is held: `min(1, s / |e|)`."""
+    return scale / jnp.maximum(jnp.abs(residual), scale)

@@ -1,0 +1,87 @@
+"""Autoregression on recurrences whose next value is known."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmocap._results import InputError
+from jaxmocap.motion._autoregression import predict_difference
+
+
+def poses(frames):
+    """Three joints: at rest, moving steadily, oscillating with a period of twenty frames."""
+    t = np.arange(frames)
+    return np.stack([np.full(frames, 0.7), 0.1 + 0.02 * t, 0.5 * np.sin(2 * np.pi * t / 20)], axis=1)
+
+
+@pytest.mark.parametrize("mode", ["ridge", "quadratic", "velocity"])
+def test_steady_motion_continues_and_rest_stays_at_rest(mode):
+    history = jnp.asarray(np.diff(poses(31), axis=0))
+    predicted = predict_difference(history, mode=mode)
+    np.testing.assert_allclose(predicted[:2], [0.0, 0.02], atol=1e-6)
+
+
+def test_quadratic_is_exact_for_constant_acceleration():
+    t = np.arange(9.0)
+    angle = 0.3 + 0.1 * t - 0.02 * t**2
+    predicted = predict_difference(jnp.diff(jnp.asarray(angle[:8]))[:, None], mode="quadratic")
+    np.testing.assert_allclose(predicted[0], angle[8] - angle[7], atol=1e-6)
+
+
+@pytest.mark.parametrize(("mode", "coefficients"), [("velocity", (2, -1, 0)), ("quadratic", (3, -3, 1))])
+def test_coefficients_on_poses_are_those_of_the_third_order_forms(mode, coefficients):
+    last, second, third = 0.31, -0.12, 0.55
+    predicted = predict_difference(jnp.diff(jnp.array([third, second, last]))[:, None], mode=mode)
+    expected = np.dot(coefficients, [last, second, third]) - last
+    np.testing.assert_allclose(predicted[0], expected, atol=1e-6)
+
+
+def test_ridge_follows_an_oscillation_that_the_velocity_form_overshoots():
+    angles = poses(37)  # the last pose is just past a peak
+    history, truth = jnp.asarray(np.diff(angles[:36], axis=0)), angles[36] - angles[35]
+    errors = {mode: abs(predict_difference(history, mode=mode)[2] - truth[2]) for mode in ("ridge", "velocity")}
+    assert errors["ridge"] < 0.1 * errors["velocity"]
+
+
+def test_ridge_recovers_a_damped_recurrence():
+    b1, b2 = 1.6, -0.8
+    values = [1.0, 0.9]
+    for _ in range(30):
+        values.append(b1 * values[-1] + b2 * values[-2])
+    history = jnp.asarray(values)[:, None] * 0.01
+    expected = 0.01 * (b1 * values[-1] + b2 * values[-2])
+    np.testing.assert_allclose(predict_difference(history, ridge=1e-5)[0], expected, rtol=1e-3)
+
+
+def test_a_very_strong_ridge_is_the_velocity_form():
+    history = jax.random.normal(jax.random.key(0), (29, 4))
+    np.testing.assert_allclose(predict_difference(history, ridge=1e8), history[-1], rtol=1e-4)
+
+
+@pytest.mark.parametrize("mode", ["ridge", "quadratic", "velocity"])
+def test_short_histories_fall_back(mode):
+    assert jnp.all(predict_difference(jnp.zeros((0, 2)), mode=mode) == 0)
+    one = jnp.array([[0.1, 0.2]])
+    np.testing.assert_allclose(predict_difference(one, mode=mode), one[0])
+    two = jnp.array([[0.1, 0.2], [0.3, 0.1]])
+    expected = 2 * two[1] - two[0] if mode == "quadratic" else two[1]
+    np.testing.assert_allclose(predict_difference(two, mode=mode), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("mode", ["ridge", "quadratic", "velocity"])
+@pytest.mark.parametrize("count", [0, 1, 2, 6, 7, 20])
+def test_fixed_window_with_a_count_equals_the_short_history(mode, count):
+    history = jax.random.normal(jax.random.key(1), (count, 3))
+    window = jnp.concatenate([jnp.full((29 - count, 3), 99.0), history])
+    compiled = jax.jit(lambda rows, valid: predict_difference(rows, valid, mode=mode))
+    np.testing.assert_allclose(compiled(window, count), predict_difference(history, mode=mode), atol=1e-5)
+
+
+def test_prediction_of_tiny_differences_is_finite():
+    assert jnp.all(jnp.isfinite(predict_difference(jnp.full((20, 2), 1e-15))))
+
+
+def test_unknown_mode_is_named():
+    with pytest.raises(InputError, match="'cubic'"):
+        predict_difference(jnp.zeros((3, 1)), mode="cubic")
