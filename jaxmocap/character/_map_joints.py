@@ -44,18 +44,18 @@ def map_joints(document: Document, raw: RawSkin, mapping: str | Path | Mapping[s
     if saved is not None and mapping is None:
         return MappedJoints(saved, raw.weights[:, [raw.joint_names.index(body) for body in BODY_NAMES]])
     given = _read_mapping(document, raw, mapping)
-    anchors = {**_anchors(roles_by_name(raw.joint_names, raw.joint_parents), raw), **_topmost(given, raw)}
+    roles = roles_by_name(raw.joint_names, raw.joint_parents)
+    anchors = {**_anchors(roles, raw), **_topmost(given, raw)}
     missing = _missing(anchors, raw.joint_parents)
     if missing:
-        found = _anchors(roles_by_place(raw), raw)
-        by_place = {**found, **_topmost(given, raw)}
-        if _missing(by_place, raw.joint_parents):
+        roles = roles_by_place(raw)
+        anchors = {**_anchors(roles, raw), **_topmost(given, raw)}
+        if _missing(anchors, raw.joint_parents):
             names = ", ".join(raw.joint_names[:40])
             document.fail(
                 f"is not recognised as a person: no joint was found for {', '.join(missing)}; give a mapping file with "
                 f'lines like `"{raw.joint_names[0]}" = "pelvis"` (file joint = body) for its joints {names}'
             )
-        anchors = by_place
     anchors.setdefault("pelvis", _common_ancestor(anchors["l_thigh"], anchors["r_thigh"], raw))
     owner = {joint: body for body, joint in anchors.items()} | given
     weights = np.zeros((len(raw.weights), len(BODY_NAMES)))
@@ -65,9 +65,8 @@ def map_joints(document: Document, raw: RawSkin, mapping: str | Path | Mapping[s
     places = {_JOINT_OF_BODY[body]: raw.joint_places[joint] for body, joint in anchors.items()}
     if "abdomen" not in anchors:
         _split_trunk(places, weights, raw.vertices)
-    head = roles_by_name(raw.joint_names, raw.joint_parents).get("head")
-    if head is not None and head != anchors["head"]:
-        places["head"] = raw.joint_places[head]
+    if roles.get("head", anchors["head"]) != anchors["head"]:
+        places["head"] = raw.joint_places[roles["head"]]
     return MappedJoints(places, weights)
 
 

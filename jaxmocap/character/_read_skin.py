@@ -37,6 +37,8 @@ def read_skin(document: Document) -> RawSkin:
     skin_index = max(merged, key=lambda skin: len(merged[skin][0]))
     vertices, faces, weights = merged[skin_index]
     skin = document.item("skins", skin_index)
+    for node in skin.joints:
+        document.item("nodes", node)
     parents, worlds = _hierarchy(document)
     inverse_binds = _inverse_binds(document, skin)
     joint_worlds = worlds[list(skin.joints)]
@@ -80,8 +82,8 @@ def _merge(document: Document, skin_index: int, meshes: list[int]) -> tuple[np.n
 
 def _primitive(document: Document, primitive: Any, num_joints: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     attributes = vars(primitive.attributes)
-    if attributes.get("POSITION") is None or attributes.get("JOINTS_0") is None:
-        document.fail("has a skinned mesh without positions or joint indices; export it again with its weights")
+    if any(attributes.get(name) is None for name in ("POSITION", "JOINTS_0", "WEIGHTS_0")):
+        document.fail("has a skinned mesh without positions, joint indices or weights; export it again with its skin")
     vertices = document.array(attributes["POSITION"]).astype(np.float64)
     weights = np.zeros((len(vertices), num_joints))
     rows = np.arange(len(vertices))
@@ -124,6 +126,8 @@ def _hierarchy(document: Document) -> tuple[list[int], np.ndarray]:
     for number, node in enumerate(nodes):
         for child in node.children or []:
             document.item("nodes", child)
+            if parents[child] >= 0:
+                document.fail(f"has a node with more than one parent (number {child}); it is damaged, export it again")
             parents[child] = number
     worlds = np.zeros((len(nodes), 4, 4))
     for number in range(len(nodes)):
