@@ -1,0 +1,20 @@
+from ._edges import image_edges as image_edges, mask_edges as mask_edges
+from ._features import (
+    FeatureSettings as FeatureSettings,
+    FrameFeatures as FrameFeatures,
+    frame_features as frame_features,
+    match_background as match_background,
+    remove_foreground as remove_foreground,
+)
+from ._flow import dense_flow as dense_flow, flow_agrees as flow_agrees, sample_picture as sample_picture
+from ._observe import (
+    FrameImages as FrameImages,
+    Observations as Observations,
+    build_problem as build_problem,
+    facing_cosine as facing_cosine,
+    fit_capture_appearance as fit_capture_appearance,
+    full_image_ids as full_image_ids,
+    surface_of as surface_of,
+)
+from ._problem import Edges as Edges, FrameProblem as FrameProblem, Surface as Surface
+from ._rectangle import Rectangle as Rectangle, place_rectangle as place_rectangle, projected_box as projected_box

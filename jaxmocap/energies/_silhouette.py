@@ -1,0 +1,61 @@
+"""Silhouette energy: disagreement of the projected mesh with a person mask (registration at the selected frames)."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxmocap._types import knob
+from jaxmocap.observation import FrameProblem
+from jaxmocap.render import WINDOW, KeyLayout, crop
+
+from ._body import Region, region_mask
+
+
+class _Prepared(NamedTuple):
+    mask: tuple[Array, ...]
+    elsewhere_wrong: Float[Array, "camera"]
+    elsewhere_model: Float[Array, "camera"]
+    mask_area: Float[Array, "camera"]
+
+
+class Silhouette(eqx.Module):
+    """XOR area over the model's area plus over the mask's area, halved, averaged over views (Gall et al. 2009, sec. 4).
+
+    `masks (camera, height, width)`: 1 where the person is, in the rectangle.
+    """
+
+    masks: Float[Array, "camera height width"]
+    weight: Float[Array, ""] = knob(1.0)
+
+    name = "silhouette"
+
+    def prepare(self, base: Array, region: Region, problem: FrameProblem, layout: KeyLayout) -> _Prepared:
+        """What all particles of a group share."""
+        height, width = problem.size
+        covered = crop(base) & layout.id_mask != layout.id_mask
+        wrong, model = [], []
+        for camera in range(problem.num_cameras):
+            elsewhere = ~region_mask(region, camera, height, width)
+            wrong.append(jnp.where(elsewhere, covered[camera] != (self.masks[camera] > 0.5), False).sum())
+            model.append((elsewhere & covered[camera]).sum())
+        cuts = tuple(region.cut(self.masks[c], c) for c in range(problem.num_cameras))
+        return _Prepared(
+            cuts,
+            jnp.stack(wrong).astype(jnp.float32),
+            jnp.stack(model).astype(jnp.float32),
+            self.masks.sum((1, 2)),
+        )
+
+    def score(
+        self, prepared: _Prepared, buffers: Array, outside: Array, region: Region, problem: FrameProblem, layout: KeyLayout
+    ) -> Float[Array, ""]:
+        """Mean over the views of 0.5 (XOR / model area + XOR / mask area)."""
+        total = jnp.zeros(())
+        for camera in range(problem.num_cameras):
+            covered = region.cut(buffers[camera], camera, border=WINDOW) & layout.id_mask != layout.id_mask
+            wrong = (covered != (prepared.mask[camera] > 0.5)).sum() + prepared.elsewhere_wrong[camera] + outside[camera]
+            model = covered.sum() + prepared.elsewhere_model[camera] + outside[camera]
+            total += 0.5 * (wrong / jnp.maximum(model, 1.0) + wrong / jnp.maximum(prepared.mask_area[camera], 1.0))
+        return total / problem.num_cameras

@@ -1,0 +1,37 @@
+"""Dense optical flow between two pictures, with its own check."""
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+_PRESETS = {
+    "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
+    "fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
+    "medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+}
+
+
+def dense_flow(
+    first: UInt8[np.ndarray, "height width"], second: UInt8[np.ndarray, "height width"], preset: str = "medium"
+) -> Float[np.ndarray, "height width 2"]:
+    """DIS optical flow (Kroeger et al. 2016): `first(p)` is found at `p + flow(p)` in `second`, pixels (dx, dy)."""
+    return cv2.DISOpticalFlow_create(_PRESETS[preset]).calc(first, second, None)
+
+
+def flow_agrees(
+    forward: Float[np.ndarray, "height width 2"], backward: Float[np.ndarray, "height width 2"], slack: float = 0.5
+) -> Bool[np.ndarray, "height width"]:
+    """Forward-backward check of Sundaram, Brox, Keutzer 2010: |F + B(p + F)|^2 < 0.01 (|F|^2 + |B|^2) + slack."""
+    height, width = forward.shape[:2]
+    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    returned = cv2.remap(backward, x + forward[..., 0], y + forward[..., 1], cv2.INTER_LINEAR, borderValue=(1e3, 1e3))
+    gap = ((forward + returned) ** 2).sum(-1)
+    return gap < 0.01 * ((forward**2).sum(-1) + (returned**2).sum(-1)) + slack
+
+
+def sample_picture(picture: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Bilinear samples of a picture at pixel positions whose first pixel centre is (0.5, 0.5)."""
+    return cv2.remap(
+        picture, (columns - 0.5).astype(np.float32), (rows - 0.5).astype(np.float32), cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )  # fmt: skip

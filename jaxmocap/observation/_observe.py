@@ -1,0 +1,221 @@
+"""From decoded images to a `FrameProblem`: the one doorway into arrays."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, PRNGKeyArray, UInt8
+
+from jaxmocap.appearance import Appearance, GridWarp, background_distance, fit_appearance, label_image, warp_grid
+from jaxmocap.appearance import AppearanceSettings
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import Capture
+from jaxmocap.character import Character, Pose, skin
+from jaxmocap.geometry import faces_within, pack_rows
+from jaxmocap.render import face_ids, inverse_depth_range
+
+from ._edges import image_edges
+from ._features import FeatureSettings, FrameFeatures, frame_features, match_background
+from ._problem import Edges, FrameProblem, Surface
+from ._rectangle import Rectangle
+
+GEODESIC_STEPS = 5
+"""Eq. 7: partners at most five triangles apart correspond."""
+
+DEPTH_SLACK = 0.8
+"""Metres around the predicted pose that inverse depths of a frame can express."""
+
+
+class FrameImages(NamedTuple):
+    """One decoded frame: its position in the capture, time in seconds, and an undistorted RGB image per camera."""
+
+    frame: int
+    timestamp: float
+    images: list[UInt8[np.ndarray, "height width 3"]]
+
+
+def facing_cosine(
+    vertices: Float[np.ndarray, "vertex 3"], faces: np.ndarray, centre: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "face"]:
+    """Cosine between each face's outward normal and the direction to a camera centre."""
+    corners = vertices[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    view = centre - corners.mean(1)
+    length = np.linalg.norm(normal, axis=1) * np.linalg.norm(view, axis=1)
+    return (normal * view).sum(1) / np.maximum(length, 1e-12)
+
+
+def full_image_ids(
+    character: Character, vertices: Float[Array, "vertex 3"], cameras: Cameras, frame: int
+) -> list[np.ndarray]:
+    """Face numbers over the whole image of every camera, -1 where the mesh is not seen."""
+    view = cameras.at(frame)
+    result = []
+    for camera, (width, height) in enumerate(cameras.sizes):
+        pick = slice(camera, camera + 1)
+        ids, _ = face_ids(
+            vertices, character.faces, view.intrinsics[pick], view.cam_from_world[pick], jnp.zeros((1, 2), jnp.int32), height, width
+        )  # fmt: skip
+        result.append(np.asarray(ids[0]))
+    return result
+
+
+def fit_capture_appearance(
+    capture: Capture,
+    cameras: Cameras,
+    character: Character,
+    key_poses: dict[int, Pose],
+    *,
+    key: PRNGKeyArray,
+    masks: dict[int, list[Bool[np.ndarray, "height width"] | None]] | None = None,
+    settings: AppearanceSettings | None = None,
+) -> Appearance:
+    """Appearance models (Eq. 3) of a capture from its registered selected frames.
+
+    `key_poses` maps each selected frame to its registered pose. Masks are the capture's; where it has none, the
+    rendered silhouette takes its place.
+    """
+    selected = sorted(key_poses)
+    ids, images, facing, person = [], [], [], []
+    for frame in selected:
+        vertices = skin(character, key_poses[frame])
+        centres = np.asarray(cameras.centres())[:, frame]
+        ids.append(full_image_ids(character, vertices, cameras, frame))
+        images.append([capture.image(camera, frame) for camera in range(cameras.num_cameras)])
+        facing.append([facing_cosine(np.asarray(vertices), np.asarray(character.faces), centre) for centre in centres])
+        found = masks[frame] if masks is not None else [capture.mask(camera, frame) for camera in range(cameras.num_cameras)]
+        person.append([m if m is not None else i >= 0 for m, i in zip(found, ids[-1], strict=True)])
+    return fit_appearance(ids, images, facing, np.asarray(character.faces), selected, key=key, masks=person, settings=settings)
+
+
+def surface_of(character: Character, appearance: Appearance | None, num_cameras: int) -> Surface:
+    """The character's tables for scoring. Without an appearance (registration) every face is at distance tau."""
+    faces = np.asarray(character.faces)
+    near = jnp.asarray(pack_rows(faces_within(faces, GEODESIC_STEPS)))
+    if appearance is None:
+        return Surface(
+            jnp.ones((num_cameras, len(faces), 1), jnp.float16), near,
+            jnp.zeros((num_cameras, len(faces), 3)), jnp.zeros((num_cameras, len(faces)), bool),
+        )  # fmt: skip
+    tables = jnp.stack([appearance.foreground_table(camera) for camera in range(num_cameras)])
+    return Surface(tables, near, appearance.foreground.mean_colours(), appearance.foreground.source > 0)
+
+
+def build_problem(
+    images: list[UInt8[np.ndarray, "height width 3"]],
+    rectangle: Rectangle,
+    cameras: Cameras,
+    frame: int,
+    vertices: Float[np.ndarray, "vertex 3"],
+    surface: Surface,
+    labels: list[np.ndarray] | None = None,
+    background: list[np.ndarray] | None = None,
+    edges: list[tuple[np.ndarray, np.ndarray]] | None = None,
+) -> FrameProblem:
+    """Assemble the arrays of one frame. `vertices` (any pose near the answer) place the range of depths."""
+    view = cameras.at(frame)
+    crops = [rectangle.crop(image, camera) for camera, image in enumerate(images)]
+    edges = [image_edges(crop) for crop in crops] if edges is None else edges
+    shape = (len(crops), rectangle.height, rectangle.width)
+    points = jnp.asarray(vertices)
+    ranges = [inverse_depth_range(points, view.cam_from_world[c], DEPTH_SLACK) for c in range(len(crops))]
+    return FrameProblem(
+        intrinsics=view.intrinsics,
+        cam_from_world=view.cam_from_world,
+        origins=jnp.asarray(rectangle.origins, jnp.int32),
+        image=jnp.asarray(np.stack(crops).astype(np.float32) / 255),
+        labels=jnp.zeros(shape, jnp.int32) if labels is None else jnp.asarray(np.stack(labels).astype(np.int32)),
+        background=jnp.ones(shape) if background is None else jnp.asarray(np.stack(background).astype(np.float32)),
+        depth_range=jnp.stack(ranges),
+        edges=Edges(jnp.asarray(np.stack([e[0] for e in edges])), jnp.asarray(np.stack([e[1] for e in edges]), jnp.float32)),
+        surface=surface,
+    )
+
+
+@dataclass
+class Observations:
+    """The frames of a capture as problems, made one by one while tracking: memory does not grow with length (host).
+
+    Remembers the selected frames' features and the last warps, which the next frame starts from.
+    """
+
+    capture: Capture
+    cameras: Cameras
+    character: Character
+    appearance: Appearance
+    key_poses: dict[int, Pose]
+    features: FeatureSettings = field(default_factory=FeatureSettings)
+
+    def __post_init__(self) -> None:
+        self.surface = surface_of(self.character, self.appearance, self.cameras.num_cameras)
+        self._tables: dict[tuple[int, int], np.ndarray] = {}
+        self._selected: dict[tuple[int, int], FrameFeatures] = {}
+        self._warps: dict[tuple[int, int], GridWarp] = {}
+        self._last: dict[tuple[int, int], tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]] = {}
+
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[FrameImages]:
+        """Decode frames in order, streaming."""
+        for frame, images in self.capture.frames(start, stop):
+            yield FrameImages(frame, float(self.capture.timestamps[frame]), images)
+
+    def _selected_features(self, camera: int, selected: int) -> FrameFeatures:
+        if (camera, selected) not in self._selected:
+            frame = self.appearance.selected_frames[selected]
+            image = self.capture.image(camera, frame)
+            mask = self.capture.mask(camera, frame)
+            if mask is None:
+                mask = full_image_ids(self.character, skin(self.character, self.key_poses[frame]), self.cameras, frame)[camera] >= 0
+            self._selected[camera, selected] = frame_features(image, mask, self.features.mask_growth, self.features)
+        return self._selected[camera, selected]
+
+    def _warp(self, camera: int, selected: int, frame: int, image: np.ndarray, person: np.ndarray) -> GridWarp:
+        """The background grid of a selected frame carried to this frame (sec. 4.1)."""
+        where = (camera, selected)
+        size = image.shape[:2]
+        if frame == self.appearance.selected_frames[selected]:
+            here = np.stack(np.meshgrid(np.linspace(8, size[1] - 8, 40), np.linspace(8, size[0] - 8, 24)), -1).reshape(-1, 2)
+            return warp_grid(here, here, size, self.appearance.settings.warp)
+        matches = match_background(
+            self._selected_features(camera, selected), None, image, person, self.features, previous=self._last.get(where)
+        )
+        warp = warp_grid(*matches, size, self.appearance.settings.warp, self._warps.get(where))
+        self._warps[where], self._last[where] = warp, (image, matches)
+        return warp
+
+    def problem(
+        self, shown: FrameImages, rectangle: Rectangle, pose: Pose, warps: list[list[tuple[int, GridWarp]]] | None = None
+    ) -> FrameProblem:
+        """The problem of one frame, `pose` being the prediction. `warps` are those of `background_warps`."""
+        vertices = np.asarray(skin(self.character, pose))
+        warps = self.background_warps(shown, pose) if warps is None else warps
+        labels, background = [], []
+        for camera, image in enumerate(shown.images):
+            crop = rectangle.crop(image, camera)
+            label = np.asarray(label_image(self.appearance.palette, jnp.asarray(crop)))
+            distances = []
+            for selected, warp in warps[camera]:
+                if (camera, selected) not in self._tables:
+                    self._tables[camera, selected] = np.asarray(self.appearance.background_table(camera, selected))
+                distances.append(
+                    background_distance(
+                        self.appearance.background[camera, selected], warp.vertices, crop,
+                        origin=(int(rectangle.origins[camera, 0]), int(rectangle.origins[camera, 1])),
+                        grid=self.appearance.settings.grid, colour=self.appearance.settings.colour, rest=warp.rest,
+                        palette=self.appearance.palette, table=self._tables[camera, selected], labels=label,
+                    )  # fmt: skip
+                )
+            labels.append(label)
+            background.append(np.min(distances, axis=0))
+        return build_problem(shown.images, rectangle, self.cameras, shown.frame, vertices, self.surface, labels, background)
+
+    def background_warps(self, shown: FrameImages, pose: Pose) -> list[list[tuple[int, GridWarp]]]:
+        """Per camera, the selected frames that serve this frame and their grids carried to it."""
+        vertices = skin(self.character, pose)
+        people = full_image_ids(self.character, vertices, self.cameras, shown.frame)
+        serving = self.appearance.selected_for(shown.frame)
+        return [
+            [(s, self._warp(camera, s, shown.frame, image, people[camera] >= 0)) for s in serving]
+            for camera, image in enumerate(shown.images)
+        ]

@@ -1,0 +1,78 @@
+"""The rectangle of sec. 4.1 that bounds the pixels scored in a frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxmocap._results import InputError
+
+STEP = 32
+"""Rectangles grow in steps of this many pixels, so that a sequence compiles few shapes; origins are multiples of 4."""
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """One size for all views, and each view's first row and column in the full image."""
+
+    origins: Int[np.ndarray, "camera 2"]
+    height: int
+    width: int
+
+    def crop(self, image: np.ndarray, camera: int) -> np.ndarray:
+        """The rectangle of one view's image."""
+        row, column = self.origins[camera]
+        return image[row : row + self.height, column : column + self.width]
+
+
+def projected_box(
+    vertices: Float[np.ndarray, "vertex 3"], intrinsics: Float[np.ndarray, "3 3"], cam_from_world: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "4"] | None:
+    """Bounding box (left, top, right, bottom) in pixels, or None when nothing lies in front of the camera."""
+    local = vertices @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
+    local = local[local[:, 2] > 0.05]
+    if not len(local):
+        return None
+    pixels = local @ intrinsics.T
+    pixels = pixels[:, :2] / pixels[:, 2:]
+    return np.concatenate([pixels.min(0), pixels.max(0)])
+
+
+def place_rectangle(
+    boxes: Float[np.ndarray, "camera 4"],
+    flow_speed: Float[np.ndarray, "camera"],
+    sizes: tuple[tuple[int, int], ...],
+    previous: Rectangle | None = None,
+    names: tuple[str, ...] = (),
+) -> Rectangle:
+    """Boxes of the predicted silhouette, widened by the larger of 10 % of their size, 1.5 times the mean flow and 20
+    pixels, on a common size that never shrinks within a sequence.
+
+    Raises `InputError` when a box lies entirely outside its image: the character left that camera's view.
+    """
+    boxes = boxes.copy()
+    for camera, (width, height) in enumerate(sizes):
+        left, top, right, bottom = boxes[camera]
+        if right < 0 or bottom < 0 or left > width or top > height:
+            name = names[camera] if names else str(camera)
+            raise InputError(
+                f"The projected character left the image of camera '{name}'; "
+                "check the cameras, or the initial pose, or track only the frames in which every camera sees the person."
+            )
+        margin = max(0.1 * max(right - left, bottom - top), 1.5 * float(flow_speed[camera]), 20.0)
+        boxes[camera] = (left - margin, top - margin, right + margin, bottom + margin)
+        boxes[camera, 0::2] = np.clip(boxes[camera, 0::2], 0, width)
+        boxes[camera, 1::2] = np.clip(boxes[camera, 1::2], 0, height)
+    extent = boxes[:, 2:] - boxes[:, :2]
+    least = (previous.width, previous.height) if previous is not None else (0, 0)
+    limit = np.min(np.asarray(sizes), axis=0) // 4 * 4
+    width, height = (
+        int(min(max(-(-extent[:, axis].max() // STEP) * STEP, least[axis]), limit[axis])) for axis in (0, 1)
+    )
+    origins = []
+    for camera, (full_width, full_height) in enumerate(sizes):
+        centre = 0.5 * (boxes[camera, :2] + boxes[camera, 2:])
+        column = int(np.clip(centre[0] - width / 2, 0, full_width - width)) // 4 * 4
+        row = int(np.clip(centre[1] - height / 2, 0, full_height - height)) // 4 * 4
+        origins.append((row, column))
+    return Rectangle(np.array(origins), height, width)

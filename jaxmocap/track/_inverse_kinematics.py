@@ -1,0 +1,157 @@
+"""A rough pose from 2D keypoints in two or more views: inverse kinematics."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import View, triangulate
+from jaxmocap.character import Character, Pose, clamp, landmark_positions, pose_from_vector, retract
+from jaxmocap.energies import rays
+from jaxmocap.refiners import AbstractRefiner, RefineProblem
+
+from ._least_squares import LandmarkRays
+
+BODY_25 = {
+    0: ("nose",), 1: ("l_shoulder", "r_shoulder"), 2: ("r_shoulder",), 3: ("r_elbow",), 4: ("r_wrist",), 5: ("l_shoulder",),
+    6: ("l_elbow",), 7: ("l_wrist",), 8: ("l_hip", "r_hip"), 9: ("r_hip",), 10: ("r_knee",), 11: ("r_ankle",), 12: ("l_hip",),
+    13: ("l_knee",), 14: ("l_ankle",), 19: ("l_toe",), 21: ("l_heel",), 22: ("r_toe",), 24: ("r_heel",),
+}  # fmt: skip
+"""Which landmarks, averaged, an OpenPose BODY_25 point is."""
+
+LOOSE = {0: 0.3, 1: 0.3, 8: 0.3, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3}
+"""Points whose definition differs between a detector and a skeleton count less."""
+
+
+def keypoint_rays(
+    character: Character, view: View, keypoints: list[Float[np.ndarray, "25 3"] | None], scale: float = 0.02, robust: float = 0.1
+) -> LandmarkRays:
+    """Rows for every keypoint found in every view. `scale` metres count as 1, beyond `robust` metres a point fades."""
+    names = character.skeleton.landmark_names
+    mix, direction, moment, weight = [], [], [], []
+    for camera, points in enumerate(keypoints):
+        if points is None:
+            continue
+        _, found, moments = rays(view.intrinsics[camera], view.cam_from_world[camera], jnp.asarray(points[:, :2], jnp.float32))
+        for index, parts in BODY_25.items():
+            if points[index, 2] <= 0 or any(part not in names for part in parts):
+                continue
+            row = np.zeros(len(names), np.float32)
+            for part in parts:
+                row[names.index(part)] = 1 / len(parts)
+            mix.append(row)
+            direction.append(np.asarray(found[index]))
+            moment.append(np.asarray(moments[index]))
+            weight.append(float(points[index, 2]) * LOOSE.get(index, 1.0))
+    if not mix:
+        return LandmarkRays(
+            jnp.zeros((1, len(names))), jnp.zeros((1, 3)), jnp.zeros((1, 3)), jnp.zeros(1), jnp.asarray(scale), jnp.asarray(robust)
+        )  # fmt: skip
+    stacked = (jnp.asarray(np.stack(v), jnp.float32) for v in (mix, direction, moment))
+    return LandmarkRays(*stacked, jnp.asarray(weight, jnp.float32), jnp.asarray(scale), jnp.asarray(robust))
+
+
+def triangulated(
+    view: View, keypoints: list[Float[np.ndarray, "25 3"] | None]
+) -> tuple[Float[np.ndarray, "25 3"], np.ndarray]:
+    """World positions of keypoints seen in two or more views, and which these are."""
+    pixels = np.stack([k[:, :2] if k is not None else np.zeros((25, 2)) for k in keypoints])
+    weights = np.stack([k[:, 2] if k is not None else np.zeros(25) for k in keypoints])
+    known = (weights > 0).sum(0) >= 2
+    points = np.asarray(triangulate(view, jnp.asarray(pixels, jnp.float32), jnp.asarray(weights, jnp.float32)))
+    return points, known & np.isfinite(points).all(1)
+
+
+def _frame(left: np.ndarray, up: np.ndarray) -> np.ndarray:
+    y = up / np.linalg.norm(up)
+    x = left - (left @ y) * y
+    x /= np.linalg.norm(x)
+    return np.stack([x, y, np.cross(x, y)], 1)
+
+
+def _torso_start(character: Character, points: np.ndarray, known: np.ndarray) -> Pose | None:
+    """Root from shoulders and hips, when they are all known."""
+    if not known[[2, 5, 9, 12]].all():
+        return None
+    skeleton = character.skeleton
+    rest = {n: np.asarray(skeleton.landmark(n)) for n in ("l_shoulder", "r_shoulder", "l_hip", "r_hip")}
+
+    def axes(ls, rs, lh, rh):
+        return _frame(ls - rs + lh - rh, ls + rs - lh - rh), 0.5 * (lh + rh)
+
+    rest_axes, rest_hips = axes(rest["l_shoulder"], rest["r_shoulder"], rest["l_hip"], rest["r_hip"])
+    seen_axes, seen_hips = axes(points[5], points[2], points[12], points[9])
+    rotation = seen_axes @ rest_axes.T
+    root = np.eye(4, dtype=np.float32)
+    root[:3, :3], root[:3, 3] = rotation, seen_hips - rotation @ rest_hips
+    return Pose(jnp.asarray(root), jnp.zeros(33))
+
+
+def inverse_kinematics(
+    character: Character,
+    view: View,
+    keypoints: list[Float[np.ndarray, "25 3"] | None],
+    refiner: AbstractRefiner,
+    starts: int = 24,
+    where: str = "",
+) -> tuple[Pose, float]:
+    """Pose whose landmarks lie on the keypoints' rays, joint limits kept: the paper's "rough registered skeleton".
+
+    Least squares from `starts` starts (the torso's root with other joint angles each), the best one returned with its
+    RMS distance to the rays in metres. Raises `InputError` when fewer than three points are seen in two views.
+    """
+    points, known = triangulated(view, keypoints)
+    if known.sum() < 3:
+        raise InputError(
+            f"{where or 'the keypoints'}: {int(known.sum())} keypoints are seen by two cameras, but three are needed to place "
+            "the person; add keypoints for this frame in a second camera, or give the pose of the first frame with --pose."
+        )
+    lines = keypoint_rays(character, view, keypoints)
+    skeleton = character.skeleton
+    root = _torso_start(character, points, known)
+    bases = [root] if root is not None else []
+    if root is None:
+        centre = points[known].mean(0) - np.asarray(skeleton.landmarks).mean(0)
+        for yaw in np.linspace(0, 2 * np.pi, 8, endpoint=False):
+            vector = jnp.zeros(39).at[:3].set(jnp.asarray(centre, jnp.float32)).at[4].set(yaw)
+            bases.append(pose_from_vector(skeleton, vector))
+    generator = np.random.default_rng(0)
+    best: tuple[float, Pose] | None = None
+    per_base = max(2, starts // len(bases))
+    for base in bases:
+        shares = generator.uniform(0.1, 0.6, (per_base, 33)) * generator.integers(0, 2, (per_base, 33))
+        shares[0] = 0
+        side = np.where(generator.random((per_base, 33)) < 0.7, np.asarray(skeleton.upper), np.asarray(skeleton.lower))
+        start = jnp.concatenate([jnp.zeros((per_base, 6)), jnp.asarray(shares * side, jnp.float32)], -1)
+        deltas, costs = _solve_starts(character, base, lines, refiner, start)
+        costs = np.asarray(costs)
+        winner = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
+        if best is None or float(costs[winner]) < best[0]:
+            best = (float(costs[winner]), clamp(skeleton, retract(skeleton, base, deltas[winner])))
+    assert best is not None
+    pose = best[1]
+    error = jnp.cross(lines.mix @ landmark_positions(skeleton, pose), lines.direction) - lines.moment
+    return pose, float(jnp.sqrt(jnp.mean(jnp.sum(error**2, -1))))
+
+
+@eqx.filter_jit
+def _solve_starts(
+    character: Character, base: Pose, lines: LandmarkRays, refiner: AbstractRefiner, starts: Float[Array, "start dof"]
+) -> tuple[Float[Array, "start dof"], Float[Array, "start"]]:
+    skeleton = character.skeleton
+    far = jnp.full(6, 20.0)
+    lower = jnp.concatenate([-far, skeleton.lower - base.angles])
+    upper = jnp.concatenate([far, skeleton.upper - base.angles])
+    weight = jnp.concatenate([jnp.full(6, 1e-4), jnp.full(33, 0.02)])
+
+    def one(start: Array) -> tuple[Array, Array]:
+        problem = RefineProblem(
+            residual=lambda d: lines(character, retract(skeleton, base, d)),
+            prior=jnp.zeros(39), lower=lower, upper=upper, l1=jnp.zeros(39), prior_weight=weight,
+        )  # fmt: skip
+        done = refiner.refine(problem, start)
+        return done.value, done.objective
+
+    return jax.lax.map(one, starts)

@@ -1,0 +1,178 @@
+"""Correspondences by carrying a picture over the surface: what the model should look like against what is seen.
+
+A source picture (the same camera at a selected frame or at the last frame, or another camera at this frame) is carried
+through the mesh into the current view at the current pose; the dense flow from that prediction to the real image says
+where each visible surface point should be. With selected frames as sources this does not drift; with the other camera as
+source it is view-view consistency (Eq. 7) in least-squares form; with the last frame it is the flow tracking of the
+paper's [4].
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, UInt8
+
+from jaxmocap.character import Character
+from jaxmocap.energies import SurfaceLines, are_near, barycentric_at, rays, surface_lines
+from jaxmocap.observation import FrameProblem, dense_flow, flow_agrees, sample_picture
+
+
+@dataclass(frozen=True)
+class Source:
+    """A picture whose pose is known: image, camera, posed mesh, and the faces seen in it (full image, -1 where empty).
+
+    `same_time` marks another camera at the current frame: its surface points then follow the pose being refined.
+    """
+
+    image: UInt8[np.ndarray, "height width 3"]
+    intrinsics: Float[Array, "3 3"]
+    cam_from_world: Float[Array, "4 4"]
+    vertices: Float[Array, "vertex 3"]
+    ids: Int[Array, "source_height source_width"]
+    origin: tuple[int, int] = (0, 0)
+    same_time: bool = False
+
+
+@dataclass(frozen=True)
+class FlowSettings:
+    """`samples` rows per view and source; pixels nearer than `margin` to the silhouette are left out, grazing faces below
+    `facing` too; `colour` is the largest grey difference (0..1) of a match; `longest` the longest flow in pixels."""
+
+    samples: int = 1200
+    margin: int = 3
+    facing: float = 0.25
+    colour: float = 0.2
+    longest: float = 25.0
+    preset: str = "medium"
+
+
+@eqx.filter_jit
+def _carry(vertices, faces, ids, intrinsics, cam_from_world, origin, source_vertices, source_k, source_t, source_ids, source_origin, near):
+    """Source pixel of every pixel of the rectangle, and whether the same surface is seen there."""
+    height, width = ids.shape
+    rows, columns = jnp.meshgrid(jnp.arange(height), jnp.arange(width), indexing="ij")
+    pixels = jnp.stack([columns + origin[1] + 0.5, rows + origin[0] + 0.5], -1).reshape(-1, 2).astype(jnp.float32)
+    flat = ids.reshape(-1)
+    face = jnp.maximum(flat, 0)
+    corners = faces[face]
+    centre, direction, _ = rays(intrinsics, cam_from_world, pixels)
+    weights = barycentric_at(vertices[corners], centre, direction)
+    there = source_vertices[corners]
+    point = jnp.einsum("rk,rkc->rc", weights, there)
+
+    def facing(triangle, eye):
+        normal = jnp.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
+        view = eye - triangle.mean(1)
+        length = jnp.linalg.norm(normal, axis=-1) * jnp.linalg.norm(view, axis=-1)
+        return jnp.sum(normal * view, -1) / jnp.maximum(length, 1e-12)
+
+    source_centre = -source_t[:3, :3].T @ source_t[:3, 3]
+    cosine = jnp.minimum(facing(vertices[corners], centre), facing(there, source_centre))
+    local = point @ source_t[:3, :3].T + source_t[:3, 3]
+    depth = jnp.maximum(local[:, 2], 1e-3)
+    projected = local @ source_k.T
+    source_pixel = projected[:, :2] / depth[:, None]
+    column = jnp.floor(source_pixel[:, 0]).astype(jnp.int32) - source_origin[1]
+    row = jnp.floor(source_pixel[:, 1]).astype(jnp.int32) - source_origin[0]
+    inside = (column >= 0) & (row >= 0) & (column < source_ids.shape[1]) & (row < source_ids.shape[0]) & (local[:, 2] > 0.05)
+    other = source_ids[jnp.clip(row, 0, source_ids.shape[0] - 1), jnp.clip(column, 0, source_ids.shape[1] - 1)]
+    seen = (flat >= 0) & inside & (other >= 0) & are_near(near, face, jnp.maximum(other, 0))
+    return source_pixel.reshape(height, width, 2), seen.reshape(height, width), cosine.reshape(height, width)
+
+
+def _grey(image: np.ndarray) -> np.ndarray:
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+
+
+def surface_flow(
+    character: Character,
+    vertices: Float[Array, "vertex 3"],
+    ids: Int[Array, "camera height width"],
+    images: list[UInt8[np.ndarray, "height width 3"]],
+    problem: FrameProblem,
+    sources: list[list[Source]],
+    settings: FlowSettings,
+) -> list[SurfaceLines]:
+    """Rows for every view and source: `images` are the rectangles of the current frame, `sources[camera]` a list in order
+    of preference; a pixel uses every source that sees it."""
+    parts = []
+    for camera in range(problem.num_cameras):
+        target = _grey(images[camera])
+        for source in sources[camera]:
+            rows = _one_source(character, vertices, ids[camera], target, camera, problem, source, settings)
+            if rows is not None:
+                parts.extend(rows)
+    return parts
+
+
+def _one_source(character, vertices, ids, target, camera, problem, source, settings) -> list[SurfaceLines] | None:
+    view = (problem.intrinsics[camera], problem.cam_from_world[camera])
+    origin = problem.origins[camera]
+    source_pixel, seen, cosine = _carry(
+        vertices, character.faces, ids, *view, origin, source.vertices, source.intrinsics, source.cam_from_world,
+        source.ids, jnp.asarray(source.origin), problem.surface.near_faces,
+    )  # fmt: skip
+    source_pixel, seen, cosine = np.asarray(source_pixel), np.asarray(seen), np.asarray(cosine)
+    if seen.sum() < 200:
+        return None
+    carried = sample_picture(_grey(source.image), source_pixel[..., 0], source_pixel[..., 1])
+    gain = float(np.clip(target[seen].mean() / max(carried[seen].mean(), 1.0), 0.5, 2.0))
+    predicted = np.where(seen, np.clip(carried * gain, 0, 255), target).astype(np.uint8)
+    forward = dense_flow(predicted, target, settings.preset)
+    backward = dense_flow(target, predicted, settings.preset)
+    good = usable(seen, cosine, forward, backward, predicted, target, settings)
+    structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(predicted, (0, 0), 1.0), 9, 3)
+    confidence = structure / (structure + 2e-4)
+    picked = pick_samples(good, settings.samples)
+    row, column = np.divmod(picked, target.shape[1])
+    alive = np.arange(len(picked)) < good.sum()
+    corner = np.asarray(origin)[::-1] + 0.5
+    pixels = np.stack([column, row], -1) + corner
+    moved = pixels + forward[row, column]
+    weight = jnp.asarray((confidence[row, column] * alive).astype(np.float32))
+    face = jnp.asarray(ids)[row, column]
+    lines = [
+        surface_lines(
+            vertices, character.faces, face, jnp.asarray(pixels, jnp.float32), jnp.asarray(moved, jnp.float32), weight, view
+        )  # fmt: skip
+    ]
+    if source.same_time:
+        lines.append(
+            surface_lines(
+                vertices, character.faces, face, jnp.asarray(pixels, jnp.float32),
+                jnp.asarray(source_pixel[row, column], jnp.float32), weight, view,
+                (source.intrinsics, source.cam_from_world),
+            )  # fmt: skip
+        )
+    return lines
+
+
+def usable(
+    seen: Bool[np.ndarray, "height width"],
+    cosine: Float[np.ndarray, "height width"],
+    forward: np.ndarray,
+    backward: np.ndarray,
+    predicted: np.ndarray,
+    target: np.ndarray,
+    settings: FlowSettings,
+) -> Bool[np.ndarray, "height width"]:
+    """Pixels whose flow may be believed."""
+    size = 2 * settings.margin + 1
+    good = cv2.erode(seen.astype(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
+    good &= (cosine > settings.facing) & flow_agrees(forward, backward)
+    good &= (np.linalg.norm(forward, axis=-1) < settings.longest)
+    height, width = target.shape
+    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    there = sample_picture(target, columns + forward[..., 0], rows + forward[..., 1])
+    return good & (np.abs(there.astype(np.float32) - predicted) < 255 * settings.colour)
+
+
+def pick_samples(good: Bool[np.ndarray, "height width"], samples: int) -> Int[np.ndarray, "sample"]:
+    """Evenly spread flat indices of good pixels; index 0 fills up when there are too few (rows of weight 0)."""
+    candidates = np.flatnonzero(good)
+    if len(candidates) >= samples:
+        return candidates[np.arange(samples) * len(candidates) // samples]
+    return np.concatenate([candidates, np.zeros(samples - len(candidates), candidates.dtype)])
