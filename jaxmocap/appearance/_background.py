@@ -1,15 +1,15 @@
 """The background model of a selected frame, and how far a later image is from it (psi_b)."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
+from jaxtyping import Array, Bool, Float, Int, Integer, PRNGKeyArray, UInt8
 from scipy.ndimage import distance_transform_edt
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from jaxmocap._results import InputError
 
@@ -56,7 +56,7 @@ def fit_background(
     triangles = grid_triangles(grid.rows, grid.columns)
     ids = grid_ids(vertices, height, width, grid)
     if person_mask is not None and np.any(person_mask):
-        near = distance_transform_edt(np.asarray(person_mask) == 0) <= grid.mask_dilation
+        near = np.asarray(distance_transform_edt(np.asarray(person_mask) == 0)) <= grid.mask_dilation
         ids = np.where(near, -1, ids)
     counts = np.bincount(ids[ids >= 0], minlength=len(triangles))
     enough = counts >= grid.min_pixels
@@ -69,7 +69,7 @@ def fit_background(
         ids, image, len(triangles), key=key, settings=colour, min_pixels=max(grid.min_pixels, 1)
     )
     centres = vertices[triangles].mean(axis=1)
-    source = np.flatnonzero(enough)[cKDTree(centres[enough]).query(centres)[1]]
+    source = np.flatnonzero(enough)[KDTree(centres[enough]).query(centres)[1]]
     source[enough] = np.flatnonzero(enough)
     return BackgroundModel(colours, jnp.arange(len(triangles)))[source]
 
@@ -85,7 +85,7 @@ def background_distance(
     rest: Float[np.ndarray, "vertex 2"] | None = None,
     palette: Palette | None = None,
     table: Float[np.ndarray, "triangle colour"] | None = None,
-    labels: Int[np.ndarray, "height width"] | None = None,
+    labels: Integer[np.ndarray, "height width"] | None = None,
 ) -> Float[np.ndarray, "height width"]:
     """psi_b of every pixel of a window: the distance of Eq. 3 to the model of the warped triangle that covers it.
 
@@ -107,7 +107,7 @@ def background_distance(
 
 
 @eqx.filter_jit
-def _psi_chunk(model: ColourModel, ids: Array, colours: Array, settings: ColourSettings) -> Array:
+def _psi_chunk(model: ColourModel, ids: Any, colours: Any, settings: ColourSettings) -> Array:
     return psi(model, ids, colours.astype(jnp.float32) / 255, settings)
 
 

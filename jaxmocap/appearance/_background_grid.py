@@ -139,10 +139,10 @@ def _nearest_triangle(
     corner = np.minimum(np.floor(vertices.min(axis=0)), 0)
     extent = np.maximum(np.ceil(vertices.max(axis=0)), (width, height)) - corner
     step = max(np.sqrt(extent[0] * extent[1] / COARSE_PIXELS), 1.0)
-    columns, rows = np.ceil(extent / step).astype(int)
+    columns, rows = (int(side) for side in np.ceil(extent / step))
     coarse = _scan((vertices - corner) / step, triangles, labels, rows, columns)
     if (coarse < 0).all():
         return np.full(len(y), -1, np.int32)
-    nearest = distance_transform_edt(coarse < 0, return_distances=False, return_indices=True)
-    filled = coarse[tuple(nearest)]
+    nearest = np.asarray(distance_transform_edt(coarse < 0, return_distances=False, return_indices=True))
+    filled = coarse[nearest[0], nearest[1]]
     return filled[((y + 0.5 - corner[1]) / step).astype(int), ((x + 0.5 - corner[0]) / step).astype(int)]

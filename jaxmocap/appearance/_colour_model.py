@@ -4,6 +4,7 @@ from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._types import Scalar, knob
@@ -104,9 +105,9 @@ def whitening(
 
 
 def distance(
-    difference: Float[Array, "*shape 3"],
-    whiten: Float[Array, "*shape 6"],
-    offset: Float[Array, "*shape"],
+    difference: Float[Array, "*#shape 3"],
+    whiten: Float[Array, "*#shape 6"],
+    offset: Float[Array, "*#shape"],
     settings: ColourSettings,
 ) -> Float[Array, "*shape"]:
     """Distance to one cluster before the barrier, from c - mu and `whitening`."""
@@ -121,8 +122,8 @@ def distance(
 
 def psi(
     model: ColourModel,
-    element_ids: Int[Array, "*pixels"],
-    colours: Float[Array, "*pixels 3"],
+    element_ids: Int[Array | np.ndarray, "*pixels"],
+    colours: Float[Array | np.ndarray, "*pixels 3"],
     settings: ColourSettings | None = None,
 ) -> Float[Array, "*pixels"]:
     """Model distance of Eq. 3 with our floor: min(min_k (c - mu_k)^T (S_k + s0^2 I)^-1 (c - mu_k) / kappa, tau).
@@ -132,9 +133,9 @@ def psi(
     """
     settings = ColourSettings() if settings is None else settings
     whiten, offset = whitening(model, settings)
-    known = element_ids >= 0
+    known = jnp.asarray(element_ids) >= 0
     rows = jnp.where(known, element_ids, 0)
-    difference = colours[..., None, :] - model.means[rows]
+    difference = jnp.asarray(colours)[..., None, :] - model.means[rows]
     per_cluster = distance(difference, whiten[rows], offset[rows], settings)
     nearest = jnp.minimum(jnp.min(per_cluster, axis=-1), settings.tau)
     return jnp.where(known, nearest, settings.tau)

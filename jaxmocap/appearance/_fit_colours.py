@@ -1,13 +1,12 @@
 """K-means per element: from labelled pixels to a `ColourModel`."""
 
-from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray, UInt8
 
 from ._colour_model import ColourModel, ColourSettings
 
@@ -82,9 +81,9 @@ def _cluster_one(pixels: Array, count: Array, seed: Array, key: PRNGKeyArray, se
     return means[order], covariances[order], weights[order], jnp.sum(sizes > 0)
 
 
-@partial(eqx.filter_jit, donate="none")
-def _cluster_chunk(pixels: Array, counts: Array, seeds: Array, key: PRNGKeyArray, settings: ColourSettings) -> Any:
-    one = lambda row: _cluster_one(*row, key, settings)  # noqa: E731
+@eqx.filter_jit
+def _cluster_chunk(pixels: Any, counts: Any, seeds: Any, key: PRNGKeyArray, settings: ColourSettings) -> Any:
+    one = lambda row: _cluster_one(row[0], row[1], row[2], key, settings)  # noqa: E731
     return jax.lax.map(one, (pixels, counts, seeds), batch_size=32)
 
 
@@ -95,8 +94,8 @@ def _padded(colours: np.ndarray, start: int, count: int, size: int) -> np.ndarra
 
 
 def fit_colour_models(
-    element_ids: Int[Array, " pixel"],
-    colours: Float[Array, "pixel 3"],
+    element_ids: Int[Array | np.ndarray, "..."],
+    colours: Float[Array | np.ndarray, "... 3"] | UInt8[np.ndarray, "... 3"],
     num_elements: int,
     *,
     key: PRNGKeyArray,
@@ -136,7 +135,7 @@ def fit_colour_models(
             used = np.zeros(CHUNK, np.int32)
             seeds = np.zeros(CHUNK, np.int32)
             for i, row in enumerate(rows):
-                pixels[i] = _padded(rgb, starts[row], counts[row], size).T
+                pixels[i] = _padded(rgb, int(starts[row]), int(counts[row]), size).T
             used[: len(rows)] = np.minimum(counts[rows], size)
             seeds[: len(rows)] = rows
             result = _cluster_chunk(pixels, used, seeds, key, settings)

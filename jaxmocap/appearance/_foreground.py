@@ -76,14 +76,14 @@ def usable_pixels(
 
     `facing` is the cosine per face or per pixel; `silhouette` a person mask that is intersected with the rendered one.
     """
-    inside = ids >= 0
+    inside = np.asarray(ids >= 0)
     if silhouette is not None:
         inside = inside & (np.asarray(silhouette) != 0)
     if settings.erosion > 0:
-        inside = binary_erosion(inside, iterations=settings.erosion, border_value=1)
-    facing = np.asarray(facing)
-    per_pixel = facing if facing.shape == ids.shape else facing[np.maximum(ids, 0)]
-    return inside & (per_pixel >= settings.min_facing)
+        inside = np.asarray(binary_erosion(inside, iterations=settings.erosion, border_value=1))
+    cosine = np.asarray(facing)
+    per_pixel = cosine if cosine.shape == ids.shape else cosine[np.maximum(ids, 0)]
+    return np.logical_and(inside, per_pixel >= settings.min_facing)
 
 
 def fit_foreground(

@@ -1,11 +1,13 @@
 """A palette of colours, so that psi of a pixel becomes one table look-up."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, UInt8
-from scipy.spatial import cKDTree
+from jaxtyping import Array, Float, Int, Integer, UInt8
+from scipy.spatial import KDTree
 
 from ._colour_model import ColourModel, ColourSettings, distance, psi, whitening
 
@@ -22,10 +24,12 @@ class Palette(eqx.Module):
     """
 
     colours: Float[Array, "colour 3"]
-    nearest: Int[Array, " cell"]
+    nearest: Integer[Array, " cell"]
 
 
-def fit_palette(pixels: Float[Array, "pixel 3"], size: int = 1024, *, samples: int = 60_000) -> Palette:
+def fit_palette(
+    pixels: Float[Array | np.ndarray, "... 3"] | UInt8[np.ndarray, "... 3"], size: int = 1024, *, samples: int = 60_000
+) -> Palette:
     """Palette of `size` colours for the pixels (RGB in [0, 1] or uint8): median cut, then eight Lloyd steps.
 
     Deterministic; smaller if the pixels have fewer colours. At most `samples` evenly spread pixels are used; give the
@@ -36,19 +40,19 @@ def fit_palette(pixels: Float[Array, "pixel 3"], size: int = 1024, *, samples: i
     rgb = rgb[np.arange(min(samples, len(rgb))) * len(rgb) // min(samples, len(rgb))]
     colours = _median_cut(rgb, size)
     for _ in range(8):
-        owner = cKDTree(colours).query(rgb)[1]
+        owner = KDTree(colours).query(rgb)[1]
         sizes = np.bincount(owner, minlength=len(colours))
         sums = np.stack([np.bincount(owner, rgb[:, c], minlength=len(colours)) for c in range(3)], axis=1)
         colours = np.where(sizes[:, None] > 0, sums / np.maximum(sizes, 1)[:, None], colours)
     return palette_from_colours(colours)
 
 
-def palette_from_colours(colours: Float[Array, "colour 3"]) -> Palette:
+def palette_from_colours(colours: Float[Array | np.ndarray, "colour 3"]) -> Palette:
     """Palette of given colours, RGB in [0, 1]."""
-    colours = np.asarray(colours, np.float32)
+    entries = np.asarray(colours, np.float32)
     centres = (np.stack(np.meshgrid(*[np.arange(LATTICE)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) + 0.5) / LATTICE
-    nearest = cKDTree(colours).query(centres)[1].astype(np.uint16 if len(colours) <= 65_536 else np.int32)
-    return Palette(jnp.asarray(colours), jnp.asarray(nearest))
+    nearest = KDTree(entries).query(centres)[1].astype(np.uint16 if len(entries) <= 65_536 else np.int32)
+    return Palette(jnp.asarray(entries), jnp.asarray(nearest))
 
 
 def _median_cut(rgb: np.ndarray, size: int) -> np.ndarray:
@@ -70,8 +74,8 @@ def _median_cut(rgb: np.ndarray, size: int) -> np.ndarray:
 
 
 def label_image(
-    palette: Palette, image: UInt8[Array, "*pixels 3"] | Float[Array, "*pixels 3"]
-) -> Int[Array, "*pixels"]:
+    palette: Palette, image: UInt8[Array | np.ndarray, "*pixels 3"] | Float[Array | np.ndarray, "*pixels 3"]
+) -> Integer[Any, "*pixels"]:
     """Palette index of every pixel of a uint8 image, or of floats in [0, 1]: one look-up, no search.
 
     A NumPy image gives NumPy labels without compiling anything, so windows of any size are cheap; a JAX array gives JAX
@@ -88,7 +92,7 @@ def label_image(
 
 @eqx.filter_jit
 def psi_table(
-    model: ColourModel, palette: Palette, settings: ColourSettings | None = None, dtype: jnp.dtype = jnp.float16
+    model: ColourModel, palette: Palette, settings: ColourSettings | None = None, dtype: Any = jnp.float16
 ) -> Float[Array, "element colour"]:
     """psi (Eq. 3) of every element at every palette colour; tau for elements without a model.
 
@@ -113,8 +117,8 @@ def psi_table(
 def palette_error(
     model: ColourModel,
     palette: Palette,
-    element_ids: Int[Array, " pixel"],
-    colours: Float[Array, "pixel 3"],
+    element_ids: Int[Array | np.ndarray, " pixel"],
+    colours: Float[Array | np.ndarray, "pixel 3"],
     settings: ColourSettings | None = None,
 ) -> dict[str, float]:
     """Difference between the table and the exact psi on given pixels: its `mean`, `rms`, `p95` and `max`, unit psi."""

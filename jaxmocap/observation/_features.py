@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from jaxmocap.appearance import GridSettings, grid_ids, grid_triangles, grid_vertices
 
-Matches = tuple[Float[np.ndarray, "match 2"], Float[np.ndarray, "match 2"]]
+Matches = tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]
 """Pixels (x, y) in the first and in the second frame, centre of the first pixel at (0.5, 0.5)."""
 
 
@@ -67,7 +67,7 @@ class FrameFeatures:
             grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
             allowed = None if allowed is None else cv2.resize(allowed, size, interpolation=cv2.INTER_NEAREST)
         # Without the precise upscale every keypoint is a quarter of a pixel too far right and down.
-        sift = cv2.SIFT_create(self.settings.count, enable_precise_upscale=True)
+        sift = cv2.SIFT.create(self.settings.count, enable_precise_upscale=True)
         keypoints, descriptors = sift.detectAndCompute(grey, allowed)
         if not keypoints:
             return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
@@ -89,11 +89,11 @@ def frame_features(
 def match_background(
     image_from: UInt8[np.ndarray, "height width 3"] | FrameFeatures,
     mask_from: Bool[np.ndarray, "height width"] | None,
-    image_to: UInt8[np.ndarray, "height width 3"],
-    mask_to: Bool[np.ndarray, "height width"] | None,
+    image_to: UInt8[np.ndarray, "height_to width_to 3"],
+    mask_to: Bool[np.ndarray, "height_to width_to"] | None,
     settings: FeatureSettings | None = None,
     *,
-    previous: tuple[UInt8[np.ndarray, "height width 3"], Matches] | None = None,
+    previous: tuple[UInt8[np.ndarray, "height_to width_to 3"], Matches] | None = None,
 ) -> Matches:
     """Background points of a selected frame and where they are in another frame (Sec. 4.1, the features of [51]).
 
@@ -117,7 +117,7 @@ def match_background(
             break
     if previous is not None and len(matches[0]) < settings.minimum:
         tracked = track_points(previous[0], image_to, previous[1], second.mask)
-        matches = tuple(np.concatenate(pair) for pair in zip(matches, tracked, strict=True))
+        matches = np.concatenate([matches[0], tracked[0]]), np.concatenate([matches[1], tracked[1]])
     return matches
 
 
@@ -136,9 +136,11 @@ def track_points(
         return matches
     previous, current = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (image_previous, image_to))
     start = (points - 0.5).astype(np.float32)[:, None]
-    options = {"winSize": (21, 21), "maxLevel": 3}
-    forward, found, _ = cv2.calcOpticalFlowPyrLK(previous, current, start, None, **options)
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(current, previous, forward, None, **options)
+    blank = np.zeros_like(start)  # each call fills its own copy
+    forward, found, _ = cv2.calcOpticalFlowPyrLK(previous, current, start, blank.copy(), winSize=(21, 21), maxLevel=3)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(
+        current, previous, forward, blank.copy(), winSize=(21, 21), maxLevel=3
+    )
     keep = (found.ravel() > 0) & (found_back.ravel() > 0)
     keep &= np.linalg.norm((back - start)[:, 0], axis=1) < 0.5
     points_to = forward[:, 0].astype(np.float64) + 0.5
@@ -152,7 +154,7 @@ def track_points(
 def remove_foreground(
     images: Sequence[UInt8[np.ndarray, "height width 3"]],
     masks: Sequence[Bool[np.ndarray, "height width"]],
-    vertices: Sequence[Float[np.ndarray, "vertex 2"]],
+    vertices: Sequence[Float[np.ndarray, "vertex 2"] | None],
     target: int,
     grid: GridSettings | None = None,
     *,
@@ -160,23 +162,25 @@ def remove_foreground(
 ) -> UInt8[np.ndarray, "height width 3"]:
     """The selected frame `images[target]` without the person (Fig. 5). For display only.
 
-    `vertices[n]` is the grid of selected frame n warped to the target frame (the target's own is not used). The person
-    is filled with the per-pixel median of the other warped frames where they show background, and the rest by Telea's
-    inpainting. All frames are of one camera.
+    `vertices[n]` is the grid of selected frame n warped to the target frame; None leaves that frame out, and the
+    target's own is not used. The person is filled with the per-pixel median of the other warped frames where they show
+    background, and the rest by Telea's inpainting. All frames are of one camera.
     """
     grid = GridSettings() if grid is None else grid
     hole = _grown(masks[target], mask_growth)
     layers = []
     for n, (image, mask) in enumerate(zip(images, masks, strict=True)):
-        if n != target:
-            warped, seen = warp_image(image, ~_grown(mask, mask_growth), vertices[n], grid)
+        moved = vertices[n]
+        if n != target and moved is not None:
+            warped, seen = warp_image(image, ~_grown(mask, mask_growth), moved, grid)
             layers.append(np.where(seen[..., None], warped.astype(np.float32), np.nan)[hole])
     filled = images[target].copy()
     rest = hole.copy()
     if layers:
-        known = ~np.isnan(np.stack(layers)[..., 0]).all(axis=0)
-        values = np.zeros((len(known), 3), np.float32)
-        values[known] = np.nanmedian(np.stack(layers)[:, known], axis=0)
+        stack = np.stack(layers)
+        known = np.isfinite(stack[..., 0]).max(axis=0)
+        values = np.zeros((stack.shape[1], 3), np.float32)
+        values[known] = np.nanmedian(stack[:, known], axis=0)
         filled[hole] = np.where(known[:, None], np.round(values).astype(np.uint8), filled[hole])
         rest[hole] = ~known
     return cv2.inpaint(filled, rest.astype(np.uint8), 5, cv2.INPAINT_TELEA) if rest.any() else filled
