@@ -24,4 +24,4 @@ def huber(residual: Float[Array, "*shape"], scale: ArrayLike) -> Float[Array, "*
 
 def huber_weight(residual: Float[Array, "*shape"], scale: ArrayLike) -> Float[Array, "*shape"]:
     """Weight w with `d(w e^2) = d huber(e)` while w is held: `min(1, s / |e|)`."""
-    return scale / jnp.maximum(jnp.abs(residual), scale)
+    return jnp.asarray(scale) / jnp.maximum(jnp.abs(residual), scale)

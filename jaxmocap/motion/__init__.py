@@ -8,6 +8,7 @@ from ._atomic import (
     write_npz as write_npz,
     write_text as write_text,
 )
+from ._autoregression import predict_difference as predict_difference
 from ._folder import claim_output as claim_output
 from ._motion import Motion as Motion, cameras_at as cameras_at
 from ._storage import read_npz as read_npz

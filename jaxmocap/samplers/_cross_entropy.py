@@ -6,7 +6,17 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxmocap._types import knob
 
-from ._base import AbstractSampler, AbstractState, Answer, Proposal, StepInfo, finite_or_inf, first_proposal, step_info
+from ._base import (
+    AbstractSampler,
+    AbstractState,
+    Answer,
+    Proposal,
+    StepInfo,
+    finite_or_inf,
+    first_proposal,
+    step_info,
+    weighted_mean_and_deviation,
+)
 
 
 class CrossEntropyState(AbstractState):
@@ -56,15 +66,14 @@ class CrossEntropy(AbstractSampler):
         energies = finite_or_inf(energies)
         order = jnp.argsort(energies, stable=True)[: self.num_elites]
         share = jnp.isfinite(energies[order]).astype(particles.dtype)
-        count = jnp.maximum(jnp.sum(share), 1.0)
-        elite_mean = share @ particles[order] / count
-        elite_deviation = jnp.sqrt(share @ (particles[order] - elite_mean) ** 2 / count)
-        blend = jnp.where(jnp.any(share > 0), self.smoothing, 1.0)
+        share = jnp.where(jnp.any(share > 0), share, 1.0)
+        elite_mean, elite_deviation = weighted_mean_and_deviation(particles[order], share)
+        blend = jnp.where(jnp.any(jnp.isfinite(energies)), self.smoothing, 1.0)
         mean = (blend * state.mean + (1 - blend) * elite_mean).astype(particles.dtype)
         deviation = blend * state.deviation + (1 - blend) * elite_deviation
         deviation = (state.active * jnp.maximum(deviation, self.sigma_min)).astype(particles.dtype)
         proposal = state.proposal.around(jnp.broadcast_to(mean, particles.shape), jnp.diag(deviation))
-        weights = jnp.zeros_like(particles[:, 0]).at[order].set(jnp.where(jnp.any(share > 0), share, 1.0))
+        weights = jnp.zeros_like(particles[:, 0]).at[order].set(share)
         return CrossEntropyState(proposal, mean, deviation, state.active), step_info(
             particles, energies, weights, jnp.inf
         )

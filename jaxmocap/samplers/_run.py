@@ -39,6 +39,7 @@ class _Row(eqx.Module):
     first_energy: Float[Array, ""]
 
 
+@eqx.filter_jit
 def _propose(
     sampler: AbstractSampler, progress: _Progress, key: PRNGKeyArray, iteration: Int[Array, ""], check: Bool[Array, ""]
 ) -> Float[Array, "particle dof"]:
@@ -47,6 +48,7 @@ def _propose(
     return particles.at[0].set(jnp.where(check, mean, particles[0]))
 
 
+@eqx.filter_jit
 def _learn(
     sampler: AbstractSampler,
     progress: _Progress,
@@ -144,15 +146,14 @@ def run_stepwise(
     population: Float[Array, "extra dof"] | None = None,
 ) -> tuple[Float[Array, "dof"], SearchInfo]:
     """`run` as a Python loop, for energies computed on the host; `energy_fn` may return any array of shape (N,)."""
-    propose, learn = eqx.filter_jit(_propose), eqx.filter_jit(_learn)
     progress = _begin(sampler, start, spread, lower, upper, key, population)
     rows, iteration = [], 0
     for energy, count, check in _plan(sampler, energy_fn):
         progress = eqx.tree_at(lambda p: p.best_energy, progress, jnp.full_like(progress.best_energy, jnp.inf))
         for index in range(count):
             number, is_check = jnp.asarray(iteration), jnp.asarray(check and index == count - 1)
-            particles = propose(sampler, progress, key, number, is_check)
-            progress, row = learn(sampler, progress, particles, jnp.asarray(energy(particles)), key, number)
+            particles = _propose(sampler, progress, key, number, is_check)
+            progress, row = _learn(sampler, progress, particles, jnp.asarray(energy(particles)), key, number)
             rows.append(jax.tree.map(lambda leaf: leaf[None], row))
             iteration += 1
     return _finish(sampler, progress, rows)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmocap._results import InputError
-from jaxmocap.motion._autoregression import predict_difference
+from jaxmocap.motion import predict_difference
 
 
 def poses(frames):

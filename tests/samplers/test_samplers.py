@@ -21,10 +21,8 @@ SIZES = {"num_particles": PARTICLES, "num_iterations": ITERATIONS}
 ISA = InteractingSimulatedAnnealing
 SAMPLERS = {
     "isa": ISA(**SIZES),
-    "isa mean": ISA(**SIZES, answer="mean"),
-    "isa polynomial": ISA(**SIZES, schedule="poly_std", strict=True),
+    "isa polynomial": ISA(**SIZES, schedule="poly_std", strict=True, resampling="systematic"),
     "isa literal": ISA(**SIZES, schedule="poly_raw", epsilon="zero", answer="mean"),
-    "isa systematic": ISA(**SIZES, resampling="systematic"),
     "cross entropy": CrossEntropy(**SIZES, num_elites=8),
     "random search": RandomSearch(**SIZES),
 }
@@ -175,6 +173,11 @@ def test_other_numbers_and_other_data_do_not_compile_again(sampler):
     halved = jax.tree.map(lambda leaf: 0.5 * leaf, sampler)
     searched(halved, Counting(TARGET + 0.1), key=5)
     assert len(traces) == seen
+
+
+def test_energy_may_close_over_values_of_an_outer_compilation():
+    compiled = jax.jit(lambda target: searched(SAMPLERS["isa"], lambda particles: Bowl(target)(particles))[0])
+    np.testing.assert_allclose(compiled(TARGET), searched(SAMPLERS["isa"])[0], atol=1e-4)
 
 
 def test_sampler_maps_over_a_swept_number():
