@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ._dof_table import Arm
@@ -33,6 +34,24 @@ class Character(eqx.Module):
         from ._load import load_character
 
         return load_character(cls, Path(path), mapping, arm)
+
+    @classmethod
+    def from_mesh(
+        cls,
+        name: str,
+        vertices: Float[np.ndarray, "vertex 3"],
+        faces: Int[np.ndarray, "face 3"],
+        weights: Float[np.ndarray, "vertex bone"],
+        joints: Mapping[str, Float[np.ndarray, "3"]],
+        arm: Arm = "cmu7",
+    ) -> "Character":
+        """Bind a clean mesh in the rest frame (metres) by weights (V, 18) to the skeleton of its `joints`.
+
+        `joints` is as in `build_skeleton`; nose, toes, heels and the like are read off the mesh where not given.
+        """
+        from ._load import character_from_mesh
+
+        return character_from_mesh(cls, name, vertices, faces, weights, joints, arm)
 
     def save_glb(self, path: str | Path) -> Path:
         """Write an ordinary skinned GLB, which `load` reads back to the same character; returns the path."""

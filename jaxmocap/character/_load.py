@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmocap._results import InputError
+
 from ._build import build_skeleton
 from ._clean_mesh import clean_mesh
 from ._dof_table import BODIES, Arm
 from ._gltf import Document
 from ._map_joints import map_joints
 from ._mesh_landmarks import mesh_landmarks
-from ._read_skin import read_skin
+from ._read_skin import RawSkin, read_skin
 from ._rest_frame import rest_frame
 
 if TYPE_CHECKING:
@@ -28,26 +30,52 @@ def load_character(
 ) -> "Character":
     """See `Character.load`."""
     document = Document(path)
-    raw = read_skin(document)
+    raw = _read(document)
     _check_numbers(document, raw.vertices, raw.weights, raw.faces)
     mapped = map_joints(document, raw, mapping)
     turn = rest_frame(mapped.places)
     places = {name: turn @ place for name, place in mapped.places.items()}
     _check_facing(document, raw.vertices @ turn.T, mapped.body_weights, places)
     vertices, faces, weights = clean_mesh(raw.vertices @ turn.T, raw.faces, mapped.body_weights)
+    if len(faces) == 0:
+        document.fail("has no triangle of any area; a closed surface of a person is needed")
     height = float(np.ptp(vertices[:, 1]))
     _check_height(document, height)
+    try:
+        return character_from_mesh(kind, path.stem, vertices, faces, weights, places, arm)
+    except InputError as error:
+        document.fail(str(error).rstrip("."))
+
+
+def character_from_mesh(
+    kind: "type[Character]",
+    name: str,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    weights: np.ndarray,
+    joints: Mapping[str, np.ndarray],
+    arm: Arm,
+) -> "Character":
+    """See `Character.from_mesh`."""
     weights = weights / weights.sum(axis=1, keepdims=True)
     columns = {body: weights[:, number] for number, (body, _, _) in enumerate(BODIES)}
-    places = {**mesh_landmarks(vertices, columns, places, height), **places}
-    skeleton = build_skeleton(places, arm)
+    seen = mesh_landmarks(vertices, columns, joints, float(np.ptp(vertices[:, 1])))
     return kind(
-        name=path.stem,
-        skeleton=skeleton,
+        name=name,
+        skeleton=build_skeleton({**seen, **joints}, arm),
         vertices=jnp.asarray(vertices, jnp.float32),
         faces=jnp.asarray(faces, jnp.int32),
         weights=jnp.asarray(weights, jnp.float32),
     )
+
+
+def _read(document: Document) -> RawSkin:
+    try:
+        return read_skin(document)
+    except InputError:
+        raise
+    except (TypeError, ValueError, AttributeError, IndexError, KeyError, OverflowError) as error:
+        document.fail(f"is not well-formed glTF ({type(error).__name__}: {error}); export it again")
 
 
 def _check_numbers(document: Document, vertices: np.ndarray, weights: np.ndarray, faces: np.ndarray) -> None:

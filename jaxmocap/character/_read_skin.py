@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from ._gltf import Document
 
+_MOST_JOINTS = 1000
+
 
 class RawSkin(NamedTuple):
     """A skinned mesh as the file has it, in metres: orientation and joints are still the file's own."""
@@ -42,6 +44,8 @@ def read_skin(document: Document) -> RawSkin:
     parents, worlds = _hierarchy(document)
     inverse_binds = _inverse_binds(document, skin)
     joint_worlds = worlds[list(skin.joints)]
+    if not np.all(np.isfinite(joint_worlds)) or np.abs(joint_worlds).max() > 1e9:
+        document.fail("has node transforms that are not finite; the file is damaged, export it again")
     place = _displayed(joint_worlds, inverse_binds)
     with np.errstate(all="ignore"):
         binds = np.linalg.inv(inverse_binds)
@@ -64,6 +68,8 @@ def _merge(document: Document, skin_index: int, meshes: list[int]) -> tuple[np.n
     num_joints = len(document.item("skins", skin_index).joints or [])
     if num_joints == 0:
         document.fail("has a skin without joints; export the model again with its armature")
+    if num_joints > _MOST_JOINTS:
+        document.fail(f"has a skin of {num_joints} joints, at most {_MOST_JOINTS} are supported; simplify the armature")
     parts, start = [], 0
     for mesh in meshes:
         for primitive in document.item("meshes", mesh).primitives:

@@ -223,6 +223,14 @@ def test_the_actors_of_both_captures_load(actor_path):
         assert character.name == "actor"
 
 
+def test_a_mesh_with_joints_and_weights_becomes_a_character(box_figure):
+    skeleton = box_figure.skeleton
+    parts = (np.asarray(part) for part in (box_figure.vertices, box_figure.faces, box_figure.weights))
+    names = [name for name in skeleton.landmark_names if "toe" not in name and name != "nose"]
+    made = Character.from_mesh("made", *parts, {name: np.asarray(skeleton.landmark(name)) for name in names})
+    assert_same(made, box_figure, atol=1e-6)
+
+
 def test_skeleton_of_a_character_is_that_of_its_joints(box_figure):
     names = box_figure.skeleton.landmark_names
     joints = dict(zip(names, np.asarray(box_figure.skeleton.landmarks), strict=True))

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from jaxmocap.character import (
+    Pose,
     blend,
     body_transforms,
+    build_skeleton,
     landmark_positions,
     points_and_jacobian,
     pose_from_vector,
@@ -96,6 +98,24 @@ def test_adjoint_jacobian_equals_automatic_differentiation(box_figure, dtype, to
         np.testing.assert_allclose(positions, moved(jnp.zeros(39, dtype)), atol=tolerance)
         np.testing.assert_allclose(jacobian, expected, atol=tolerance)
         assert jacobian.shape == (len(points), 3, 39)
+
+
+def test_wrist7_moves_hands_about_the_wrist_and_its_jacobian_is_right(box_figure):
+    names = box_figure.skeleton.landmark_names
+    joints = dict(zip(names, np.asarray(box_figure.skeleton.landmarks), strict=True))
+    skeleton = build_skeleton(joints, arm="wrist7")
+    pose = some_pose(skeleton)
+    points, weights = box_figure.vertices[::8], box_figure.weights[::8]
+    moved = lambda delta: blend(skeleton, retract(skeleton, pose, delta), points, weights)  # noqa: E731
+    _, jacobian = points_and_jacobian(skeleton, pose, points, weights)
+    np.testing.assert_allclose(jacobian, jax.jit(jax.jacfwd(moved))(jnp.zeros(39)), atol=1e-5)
+    flex = skeleton.dof_names.index("l_wrist_flex")
+    palms = rest_pose(skeleton).angles.at[flex - 6].set(jnp.pi / 3)
+    before, after = (landmark_positions(skeleton, Pose(jnp.eye(4), angles)) for angles in (0 * palms, palms))
+    np.testing.assert_allclose(after, before, atol=1e-6)  # no landmark lies beyond the wrist
+    hand = body_transforms(skeleton, Pose(jnp.eye(4), palms))[skeleton.body_names.index("l_hand")]
+    tip = jnp.asarray(joints["l_wrist"]) + jnp.array([0.1, 0.0, 0.0])
+    np.testing.assert_allclose(hand[:3, :3] @ tip + hand[:3, 3] - tip, [-0.05, -0.0866, 0.0], atol=1e-4)
 
 
 def test_jacobian_equals_finite_differences(box_figure):
