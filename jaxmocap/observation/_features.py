@@ -136,12 +136,9 @@ def track_points(
         return matches
     previous, current = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (image_previous, image_to))
     start = (points - 0.5).astype(np.float32)[:, None]
-    blank = np.zeros_like(start)  # each call fills its own copy
-    forward, found, _ = cv2.calcOpticalFlowPyrLK(previous, current, start, blank.copy(), winSize=(21, 21), maxLevel=3)
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(
-        current, previous, forward, blank.copy(), winSize=(21, 21), maxLevel=3
-    )
-    keep = (found.ravel() > 0) & (found_back.ravel() > 0)
+    forward, found = _lucas_kanade(previous, current, start)
+    back, found_back = _lucas_kanade(current, previous, forward)
+    keep = found & found_back
     keep &= np.linalg.norm((back - start)[:, 0], axis=1) < 0.5
     points_to = forward[:, 0].astype(np.float64) + 0.5
     height, width = current.shape
@@ -213,6 +210,13 @@ def warp_image(
     seen = ids >= 0
     column, row = np.clip(nearest[..., 0], 0, width - 1), np.clip(nearest[..., 1], 0, height - 1)
     return warped, seen & usable[row, column]
+
+
+def _lucas_kanade(first: np.ndarray, second: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where points (n, 1, 2) of one grey image are in another, in OpenCV's pixels, and which were found."""
+    blank = np.zeros_like(start)
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(first, second, start, blank, winSize=(21, 21), maxLevel=3)
+    return moved, found.ravel() > 0
 
 
 def _grown(mask: np.ndarray, growth: int) -> Bool[np.ndarray, "height width"]:

@@ -3,7 +3,7 @@ import pytest
 
 from jaxmocap.appearance import GridSettings, WarpSettings, grid_vertices, warp_grid
 from jaxmocap.appearance._homography import apply_homography, robust_homography
-from jaxmocap.appearance._warp import _similarity_normal
+from jaxmocap.appearance._warp import _roughness, _similarity_normal
 
 SIZE = (540, 960)
 HOMOGRAPHY = np.array([[1.05, 0.04, 20], [-0.03, 1.02, -15], [5e-5, -4e-5, 1]])
@@ -135,3 +135,13 @@ def test_other_grid_sizes_work():
     points = np.random.default_rng(8).random((300, 2)) * SIZE[::-1]
     warp = warp_grid(points, points + (4, 4), SIZE, grid=GridSettings(rows=10, columns=20))
     np.testing.assert_allclose(warp.vertices, grid_vertices(*SIZE, 10, 20) + 4, atol=1e-6)
+
+
+def test_a_stiffer_grid_is_smoother_and_fits_its_features_less():
+    points = features(1360, np.random.default_rng(9))
+    regular, grid = grid_vertices(*SIZE), GridSettings()
+    warps = [warp_grid(points, truth(points), SIZE, WarpSettings(alphas=(alpha,))) for alpha in (0.1, 1.0, 10.0)]
+    roughness = [_roughness(regular, warp.vertices, grid) for warp in warps]
+    assert (np.diff(roughness) < 0).all()
+    assert (np.diff([warp.residual for warp in warps]) > 0).all()
+    assert _roughness(regular, apply_homography(HOMOGRAPHY, regular), grid) < 1e-9
