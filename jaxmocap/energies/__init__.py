@@ -3,6 +3,7 @@ from ._body import (
     Region as Region,
     base_buffers as base_buffers,
     body_part as body_part,
+    part_jobs as part_jobs,
 )
 from ._contour import (
     ContourSettings as ContourSettings,

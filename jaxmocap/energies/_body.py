@@ -8,7 +8,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmocap.character import Character, Pose, body_transforms, skin
+from jaxmocap.character import Character, Pose, blend, skin
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import Jobs, KeyLayout, draw, empty_buffer, to_screen, window_jobs
 
@@ -16,12 +16,12 @@ from jaxmocap.render import Jobs, KeyLayout, draw, empty_buffer, to_screen, wind
 class BodyPart(eqx.Module):
     """Faces whose vertices depend on the DoFs of one group, with the vertices they use.
 
-    `moves (face,)` says which faces of the whole mesh these are. `dofs` are the group's indices into the 39.
+    `dofs` are the group's indices into the 39; `moves (face,)` says which faces of the whole mesh the part holds. Rows
+    may be padded with faces of no area, so that the two arms, and the two legs, share one compiled search.
     """
 
-    name: str = eqx.field(static=True)
-    dofs: tuple[int, ...] = eqx.field(static=True)
     num_faces: int = eqx.field(static=True)
+    dofs: Int[Array, "group_dof"]
     faces: Int[Array, "3 part_face"]
     face_numbers: Int[Array, "part_face"]
     vertices: Float[Array, "part_vertex 3"]
@@ -34,35 +34,34 @@ class BodyPart(eqx.Module):
 
     def posed(self, character: Character, pose: Pose) -> Float[Array, "part_vertex 3"]:
         """The part's vertices in the world (Eq. 1)."""
-        bones = body_transforms(character.skeleton, pose)[:, :3].reshape(-1, 12)
-        blended = (self.weights @ bones).reshape(-1, 3, 4)
-        return jnp.einsum("vij,vj->vi", blended[:, :, :3], self.vertices) + blended[:, :, 3]
+        return blend(character.skeleton, pose, self.vertices, self.weights)
 
 
-def body_part(character: Character, name: str, dofs: tuple[int, ...]) -> BodyPart:
-    """The part of the mesh moved by `dofs` (host). A root DoF moves everything."""
+def body_part(
+    character: Character, dofs: tuple[int, ...], least_faces: int = 0, least_vertices: int = 0
+) -> BodyPart:
+    """The part of the mesh moved by `dofs` (host). A root DoF moves everything.
+
+    Raises `ValueError` if no face depends on them.
+    """
     skeleton = character.skeleton
     weights, faces = np.asarray(character.weights), np.asarray(character.faces)
-    if min(dofs) < 6:
-        bodies = set(range(len(skeleton.body_names)))
-    else:
-        bodies = {skeleton.dof_body[d - 6] for d in dofs}
-        for body, parent in enumerate(skeleton.parents):
-            if parent in bodies:
-                bodies.add(body)
-    vertex_moves = weights[:, sorted(bodies)].sum(1) > 0
-    moves = vertex_moves[faces].any(1)
+    moved = np.ones(len(skeleton.body_names), bool)
+    if min(dofs) >= 6:
+        moved = skeleton.moved_by()[np.array(dofs) - 6].any(0)
+    moves = (weights[:, moved].sum(1) > 0)[faces].any(1)
     if not moves.any():
-        raise ValueError(f"no face of the mesh depends on the DoFs of '{name}'")
+        raise ValueError(f"no face of the mesh depends on the DoFs {[skeleton.dof_names[d] for d in dofs]}")
     used, local = np.unique(faces[moves], return_inverse=True)
+    local = local.reshape(-1, 3).T.astype(np.int32)
+    more_faces, more_vertices = max(least_faces - local.shape[1], 0), max(least_vertices - len(used), 0)
     return BodyPart(
-        name=name,
-        dofs=tuple(dofs),
         num_faces=len(faces),
-        faces=jnp.asarray(local.reshape(-1, 3).T.astype(np.int32)),
-        face_numbers=jnp.asarray(np.flatnonzero(moves).astype(np.int32)),
-        vertices=jnp.asarray(np.asarray(character.vertices)[used]),
-        weights=jnp.asarray(weights[used]),
+        dofs=jnp.asarray(dofs, jnp.int32),
+        faces=jnp.asarray(np.pad(local, ((0, 0), (0, more_faces)))),
+        face_numbers=jnp.asarray(np.pad(np.flatnonzero(moves).astype(np.int32), (0, more_faces))),
+        vertices=jnp.asarray(np.pad(np.asarray(character.vertices)[used], ((0, more_vertices), (0, 0)), mode="edge")),
+        weights=jnp.asarray(np.pad(weights[used], ((0, more_vertices), (0, 0)), mode="edge")),
         moves=jnp.asarray(moves),
     )
 

@@ -125,6 +125,7 @@ def edge_targets(
     return jnp.stack([at_best(x), at_best(y)], -1), accepted
 
 
+@eqx.filter_jit
 def contour_lines(
     vertices: Float[Array, "vertex 3"],
     faces: Int[Array, "face 3"],

@@ -71,6 +71,7 @@ def rays(
     return centre, direction, jnp.cross(jnp.broadcast_to(centre, direction.shape), direction)
 
 
+@eqx.filter_jit
 def surface_lines(
     vertices: Float[Array, "vertex 3"],
     faces: Int[Array, "face 3"],

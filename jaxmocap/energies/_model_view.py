@@ -93,5 +93,4 @@ class ModelView(eqx.Module):
             cost = covered_cost(foreground, prepared.background[camera], self.epsilon)
             cost = jnp.where(covered, cost, prepared.uncovered[camera]).sum()
             total += cost + prepared.elsewhere[camera] + self.outside * outside[camera]
-        height, width = problem.size
-        return total / (height * width)
+        return total / problem.area

@@ -15,7 +15,8 @@ def dense_flow(
     first: UInt8[np.ndarray, "height width"], second: UInt8[np.ndarray, "height width"], preset: str = "medium"
 ) -> Float[np.ndarray, "height width 2"]:
     """DIS optical flow (Kroeger et al. 2016): `first(p)` is found at `p + flow(p)` in `second`, pixels (dx, dy)."""
-    return cv2.DISOpticalFlow_create(_PRESETS[preset]).calc(first, second, None)
+    pair = np.ascontiguousarray(first), np.ascontiguousarray(second)
+    return cv2.DISOpticalFlow_create(_PRESETS[preset]).calc(*pair, None)
 
 
 def flow_agrees(

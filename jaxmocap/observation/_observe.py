@@ -8,8 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray, UInt8
 
-from jaxmocap.appearance import Appearance, GridWarp, background_distance, fit_appearance, label_image, warp_grid
-from jaxmocap.appearance import AppearanceSettings
+from jaxmocap.appearance import (
+    Appearance,
+    AppearanceSettings,
+    GridWarp,
+    background_distance,
+    fit_appearance,
+    label_image,
+    warp_grid,
+)
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character, Pose, skin
@@ -129,6 +136,7 @@ def build_problem(
         labels=jnp.zeros(shape, jnp.int32) if labels is None else jnp.asarray(np.stack(labels).astype(np.int32)),
         background=jnp.ones(shape) if background is None else jnp.asarray(np.stack(background).astype(np.float32)),
         depth_range=jnp.stack(ranges),
+        area=jnp.asarray(rectangle.area, jnp.float32),
         edges=Edges(jnp.asarray(np.stack([e[0] for e in edges])), jnp.asarray(np.stack([e[1] for e in edges]), jnp.float32)),
         surface=surface,
     )
@@ -175,12 +183,13 @@ class Observations:
         where = (camera, selected)
         size = image.shape[:2]
         if frame == self.appearance.selected_frames[selected]:
-            here = np.stack(np.meshgrid(np.linspace(8, size[1] - 8, 40), np.linspace(8, size[0] - 8, 24)), -1).reshape(-1, 2)
-            return warp_grid(here, here, size, self.appearance.settings.warp)
+            nothing = np.zeros((0, 2))
+            return warp_grid(nothing, nothing, size, self.appearance.settings.warp, grid=self.appearance.settings.grid)
         matches = match_background(
             self._selected_features(camera, selected), None, image, person, self.features, previous=self._last.get(where)
         )
-        warp = warp_grid(*matches, size, self.appearance.settings.warp, self._warps.get(where))
+        settings = self.appearance.settings
+        warp = warp_grid(*matches, size, settings.warp, self._warps.get(where), grid=settings.grid)
         self._warps[where], self._last[where] = warp, (image, matches)
         return warp
 
@@ -193,7 +202,7 @@ class Observations:
         labels, background = [], []
         for camera, image in enumerate(shown.images):
             crop = rectangle.crop(image, camera)
-            label = np.asarray(label_image(self.appearance.palette, jnp.asarray(crop)))
+            label = np.asarray(label_image(self.appearance.palette, crop))
             distances = []
             for selected, warp in warps[camera]:
                 if (camera, selected) not in self._tables:

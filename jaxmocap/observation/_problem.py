@@ -30,7 +30,8 @@ class FrameProblem(eqx.Module):
     """One frame: cameras, the rectangle of sec. 4.1 in every view, its colours and its distances to the background.
 
     `origins` are row and column of each rectangle's first pixel in the full image. `labels` are palette indices,
-    `background` is psi_b of Eq. 3. `depth_range` bounds the inverse depths (1/metres) that keys can tell apart.
+    `background` is psi_b of Eq. 3. `area` is M_1 of Eq. 6, the pixels of the tight rectangle: the
+    arrays may be larger, so that a sequence compiles once. `depth_range` bounds the inverse depths (1/metres) that keys can tell apart.
     """
 
     intrinsics: Float[Array, "camera 3 3"]
@@ -40,6 +41,7 @@ class FrameProblem(eqx.Module):
     labels: Int[Array, "camera height width"]
     background: Float[Array, "camera height width"]
     depth_range: Float[Array, "camera 2"]
+    area: Float[Array, ""]
     edges: Edges
     surface: Surface
 
@@ -73,6 +75,7 @@ class FrameProblem(eqx.Module):
             labels=self.labels[pick],
             background=self.background[pick],
             depth_range=self.depth_range,
+            area=self.area / step**2,
             edges=Edges(self.edges.mask[pick], self.edges.gradient[pick]),
             surface=self.surface,
         )

@@ -7,17 +7,20 @@ from jaxtyping import Float, Int
 
 from jaxmocap._results import InputError
 
-STEP = 32
-"""Rectangles grow in steps of this many pixels, so that a sequence compiles few shapes; origins are multiples of 4."""
+STEP = 64
+SLACK = 1.2
+"""A new size is this much larger than needed and a multiple of STEP, so that a sequence compiles few shapes."""
 
 
 @dataclass(frozen=True)
 class Rectangle:
-    """One size for all views, and each view's first row and column in the full image."""
+    """One size for all views, each view's first row and column in the full image (multiples of 4), and `area`, the mean
+    number of pixels of the views' tight rectangles (M_1 of Eq. 6)."""
 
     origins: Int[np.ndarray, "camera 2"]
     height: int
     width: int
+    area: float
 
     def crop(self, image: np.ndarray, camera: int) -> np.ndarray:
         """The rectangle of one view's image."""
@@ -64,15 +67,17 @@ def place_rectangle(
         boxes[camera, 0::2] = np.clip(boxes[camera, 0::2], 0, width)
         boxes[camera, 1::2] = np.clip(boxes[camera, 1::2], 0, height)
     extent = boxes[:, 2:] - boxes[:, :2]
-    least = (previous.width, previous.height) if previous is not None else (0, 0)
     limit = np.min(np.asarray(sizes), axis=0) // 4 * 4
-    width, height = (
-        int(min(max(-(-extent[:, axis].max() // STEP) * STEP, least[axis]), limit[axis])) for axis in (0, 1)
-    )
+    old = (previous.width, previous.height) if previous is not None else (0, 0)
+    size = []
+    for axis in (0, 1):
+        need = min(float(extent[:, axis].max()), float(limit[axis]))
+        size.append(old[axis] if need <= old[axis] else int(min(-(-need * SLACK // STEP) * STEP, limit[axis])))
+    width, height = size
     origins = []
     for camera, (full_width, full_height) in enumerate(sizes):
         centre = 0.5 * (boxes[camera, :2] + boxes[camera, 2:])
         column = int(np.clip(centre[0] - width / 2, 0, full_width - width)) // 4 * 4
         row = int(np.clip(centre[1] - height / 2, 0, full_height - height)) // 4 * 4
         origins.append((row, column))
-    return Rectangle(np.array(origins), height, width)
+    return Rectangle(np.array(origins), height, width, float(np.prod(extent, axis=1).mean()))

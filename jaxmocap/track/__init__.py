@@ -1,0 +1,32 @@
+"""Tracking: registration at the selected frames, then search and refinement frame by frame."""
+
+from ._confidence import Verdict as Verdict, VerdictSettings as VerdictSettings, judge as judge
+from ._frame import FrameResult as FrameResult, FrameTracker as FrameTracker
+from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, keypoint_rays as keypoint_rays
+from ._register import (
+    Overrides as Overrides,
+    Registration as Registration,
+    RegistrationSettings as RegistrationSettings,
+    apply_overrides as apply_overrides,
+    intersection_over_union as intersection_over_union,
+    read_pose_file as read_pose_file,
+    register as register,
+    register_frame as register_frame,
+)
+from ._search import GroupSearch as GroupSearch, Stage as Stage, group_searches as group_searches
+from ._sequence import (
+    Progress as Progress,
+    key_poses_of as key_poses_of,
+    motion_of as motion_of,
+    observe as observe,
+    track as track,
+    track_frames as track_frames,
+)
+from ._surface_flow import FlowSettings as FlowSettings, Source as Source, surface_flow as surface_flow
+from ._tracker import (
+    Quality as Quality,
+    RefinePlan as RefinePlan,
+    RefineWeights as RefineWeights,
+    SearchPlan as SearchPlan,
+    Tracker as Tracker,
+)

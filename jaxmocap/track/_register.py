@@ -1,6 +1,8 @@
 """Registration of the mesh at the selected frames (sec. 3.2): keypoints, then contours and masks, then search if needed."""
 
+import json
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import cv2
 import equinox as eqx
@@ -12,16 +14,25 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture
-from jaxmocap.character import Character, Pose, pose_from_vector, pose_vector, retract, skin
+from jaxmocap.character import Character, Pose, pose_from_vector, pose_vector, rest_pose, retract, skin
 from jaxmocap.energies import ContourSettings, SearchEnergy, Silhouette, contour_lines
-from jaxmocap.observation import FrameProblem, Rectangle, Surface, build_problem, mask_edges, place_rectangle, projected_box, surface_of
+from jaxmocap.observation import (
+    FrameProblem,
+    Rectangle,
+    Surface,
+    build_problem,
+    mask_edges,
+    place_rectangle,
+    projected_box,
+    surface_of,
+)
 from jaxmocap.refiners import AbstractRefiner, Shooting
 from jaxmocap.render import face_ids
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
 
 from ._inverse_kinematics import inverse_kinematics, keypoint_rays
 from ._least_squares import LandmarkRays, Prior, Rows, descend, free_prior
-from ._search import GroupSearch, Stage, initial_spread
+from ._search import Stage, group_searches, initial_spread
 from ._surface_flow import FlowSettings, Source, surface_flow
 
 
@@ -75,6 +86,29 @@ def apply_overrides(character: Character, pose: Pose, values: dict[str, float]) 
                 )
         indices.append(index)
     return pose_from_vector(skeleton, jnp.asarray(vector, jnp.float32)), indices
+
+
+def read_pose_file(path: str | Path) -> Overrides:
+    """Overrides from a JSON file: `{"0": {"root_ty": 0.1, "l_elbow_flex": 30}}`, frame -> DoF -> metres or degrees.
+
+    Raises `InputError` for anything else.
+    """
+    try:
+        raw = json.loads(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"the pose file {path} cannot be read as JSON ({error}).") from error
+    expected = f'the pose file {path} must map frames to degrees of freedom, like {{"0": {{"l_elbow_flex": 30}}}}'
+    if not isinstance(raw, dict):
+        raise InputError(f"{expected}; its top level is {type(raw).__name__}.")
+    overrides: Overrides = {}
+    for frame, values in raw.items():
+        if not frame.isdigit() or not isinstance(values, dict):
+            raise InputError(f"{expected}; found the entry {frame!r}.")
+        for name, value in values.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+                raise InputError(f"the pose file {path} gives {name} at frame {frame} the value {value!r}; a number is expected.")
+        overrides[int(frame)] = {name: float(value) for name, value in values.items()}
+    return overrides
 
 
 def intersection_over_union(ids: np.ndarray, mask: Bool[np.ndarray, "height width"]) -> float:
@@ -144,13 +178,10 @@ def search_silhouettes(
     energy = SearchEnergy((Silhouette(masks),))
     spread = initial_spread(character) * 1.5
     spread[fixed] = 0.0
-    for number, (name, dofs) in enumerate(character.skeleton.groups):
-        sampler = InteractingSimulatedAnnealing(num_particles=particles_for(len(dofs)), num_iterations=15)
-        stages = (Stage(energy, 1, 15),)
-        search = GroupSearch.create(character, name, dofs)
-        result = search(stages, sampler, character, pose, problem, spread, jax.random.fold_in(key, number))
-        if float(result.energy_after) < float(result.energy_before):
-            pose = retract(character.skeleton, pose, result.increment)
+    for number, search in enumerate(group_searches(character)):
+        sampler = InteractingSimulatedAnnealing(num_particles=particles_for(len(search.dofs)), num_iterations=15)
+        result = search((Stage(energy, 1, 15),), sampler, character, pose, problem, spread, jax.random.fold_in(key, number))
+        pose = retract(character.skeleton, pose, result.increment)
     return pose
 
 
@@ -216,6 +247,13 @@ def register_frame(
     view = cameras.at(frame)
     keypoints = [capture.keypoints(c, frame) for c in views]
     rms = float("nan")
+    if start is None and all(points is None for points in keypoints):
+        if not overrides:
+            raise InputError(
+                f"frame {frame} of capture '{capture.name}' has no keypoints and no initial pose; add keypoints of this frame in "
+                f"two cameras ({capture.camera_names[0]}_{int(capture.video_frames[0, frame]):05d}_keypoints.json), or give its pose with --pose."
+            )
+        start = rest_pose(character.skeleton)
     if start is None:
         pose, rms = inverse_kinematics(
             character, view, keypoints, settings.refiner, where=f"frame {frame} of capture '{capture.name}'"

@@ -1,6 +1,6 @@
 """The sample-based search of sec. 4.1: one group of DoFs at a time, a whole generation of particles per compiled call."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import equinox as eqx
 import jax
@@ -9,16 +9,27 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from jaxmocap.character import Character, Pose, retract
-from jaxmocap.energies import BodyPart, Region, SearchEnergy, body_part, prepare_base, score_particles
+from jaxmocap.energies import (
+    Base,
+    BodyPart,
+    Region,
+    SearchEnergy,
+    ViewView,
+    body_part,
+    part_jobs,
+    prepare_base,
+    score_particles,
+)
 from jaxmocap.observation import FrameProblem
 from jaxmocap.samplers import AbstractSampler, run
 
-REGION_STEP = 32
+REGION_STEP = 64
+ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
+"""Half widths of the box in which the root is searched, metres and radians."""
 
 
 def initial_spread(character: Character) -> Float[np.ndarray, "dof"]:
-    """Standard deviation of the first particles per DoF, metres and radians: what the notes to the paper recommend for a
-    subject that moves at 1 m/s."""
+    """Standard deviation of the first particles per DoF, metres and radians, for a subject that moves at 1 m/s."""
     degrees = {"clav": 4.0, "lumbar": 6.0, "thorax": 6.0, "neck": 6.0, "shoulder": 12.0, "hip": 12.0, "elbow": 15.0, "knee": 15.0}
     spread = np.full(39, np.deg2rad(10.0))
     spread[:3], spread[3:6] = 0.04, np.deg2rad(6.0)
@@ -38,40 +49,38 @@ class Stage(eqx.Module):
 
 
 class GroupResult(eqx.Module):
-    """`increment (39,)` of the group, the deviation of the last particles (39,), energy before and after, and what the
+    """`increment (39,)` of the group, the deviation of the last particles (39,), the energy of the answer, and what the
     static capacities would have had to be."""
 
     increment: Float[Array, "dof"]
     deviation: Float[Array, "dof"]
-    energy_before: Float[Array, ""]
-    energy_after: Float[Array, ""]
+    energy: Float[Array, ""]
     needed: Int[Array, ""]
     needed_base: Int[Array, ""]
     needed_far: Int[Array, ""]
 
 
 class _ParticleEnergy(eqx.Module):
-    """Energy of group increments, as an array function a sampler can call."""
+    """Energy of group increments, as an array function a sampler can call. A particle whose windows do not fit into the
+    capacity counts as not finite; the capacity is chosen so that this does not happen near the answer."""
 
-    stage: Stage
+    energy: SearchEnergy
     character: Character
     part: BodyPart
     pose: Pose
     problem: FrameProblem
     corners: Int[Array, "camera 2"]
+    base: Base
     size: tuple[int, int] = eqx.field(static=True)
     capacity: int = eqx.field(static=True)
-    base: object
-
-    def scores(self, values: Float[Array, "particle group_dof"]):
-        increments = jnp.zeros((values.shape[0], 39)).at[:, jnp.array(self.part.dofs)].set(values)
-        region = Region(self.corners, self.size)
-        return score_particles(
-            self.stage.energy, self.character, self.part, self.pose, self.problem, region, self.base, increments, self.capacity
-        )  # fmt: skip
 
     def __call__(self, values: Float[Array, "particle group_dof"]) -> Float[Array, "particle"]:
-        return self.scores(values).total
+        increments = jnp.zeros((values.shape[0], 39)).at[:, self.part.dofs].set(values)
+        region = Region(self.corners, self.size)
+        scores = score_particles(
+            self.energy, self.character, self.part, self.pose, self.problem, region, self.base, increments, self.capacity
+        )  # fmt: skip
+        return jnp.where(scores.needed > self.capacity, jnp.nan, scores.total)
 
 
 @eqx.filter_jit
@@ -98,56 +107,64 @@ def _search(stages, sampler, character, part, pose, problem, corners, size, capa
         coarse = problem.coarser(stage.step)
         region = Region(corners // stage.step, (size[0] // stage.step, size[1] // stage.step))
         base = prepare_base(stage.energy, character, part, pose, coarse, region, base_capacity)
-        energies.append(
-            (_ParticleEnergy(stage, character, part, pose, coarse, region.corners, region.size, capacity, base), stage.iterations)
-        )
+        energy = _ParticleEnergy(
+            stage.energy, character, part, pose, coarse, region.corners, base, region.size, capacity
+        )  # fmt: skip
+        energies.append((energy, stage.iterations))
         needed_base.append(base.needed)
         needed_far.append(base.needed_far)
-    dofs = jnp.array(part.dofs)
-    start = jnp.zeros(len(part.dofs))
-    best, info = run(sampler, energies, start, spread[dofs], lower[dofs], upper[dofs], key)
-    final = energies[-1][0].scores(jnp.stack([start, best]))
-    first = energies[0][0].scores(jnp.stack([start, best]))
+    start = jnp.zeros(part.dofs.shape[0])
+    best, info = run(sampler, energies, start, spread[part.dofs], lower[part.dofs], upper[part.dofs], key)
+    increment = jnp.zeros(39).at[part.dofs].set(best)
+    needed = []
+    for delta in (jnp.zeros(39), increment):
+        vertices = part.posed(character, retract(character.skeleton, pose, delta))
+        needed += [part_jobs(part, vertices, problem, c, capacity)[0].needed for c in range(problem.num_cameras)]
     return GroupResult(
-        increment=jnp.zeros(39).at[dofs].set(best),
-        deviation=jnp.zeros(39).at[dofs].set(info.deviation),
-        energy_before=final.total[0],
-        energy_after=final.total[1],
-        needed=jnp.maximum(final.needed, first.needed),
+        increment=increment,
+        deviation=jnp.zeros(39).at[part.dofs].set(info.deviation),
+        energy=info.energy,
+        needed=jnp.stack(needed).max(),
         needed_base=jnp.stack(needed_base).max(),
         needed_far=jnp.stack(needed_far).max(),
     )
 
 
-@dataclass
-class GroupSearch:
-    """Searches one group; remembers its static sizes between frames so that they seldom change (host)."""
+def _power(count: float, least: int = 256) -> int:
+    return max(least, 2 ** int(np.ceil(np.log2(max(count, 1)))))
 
-    part: BodyPart
+
+@dataclass
+class Sizes:
+    """Static sizes of a compiled search, which only grow; the two arms share one, and the two legs."""
+
     capacity: int
     base_capacity: int
-    region: tuple[int, int] = (0, 0)
     far_capacity: int = 4096
-    recompiled: list[str] = field(default_factory=list)
+    region: tuple[int, int] = (0, 0)
 
-    @staticmethod
-    def create(character: Character, name: str, dofs: tuple[int, ...]) -> "GroupSearch":
-        part = body_part(character, name, dofs)
-        capacity = max(256, 2 ** int(np.ceil(np.log2(part.faces.shape[1] * 1.1))))
-        base_capacity = max(256, 2 ** int(np.ceil(np.log2(character.faces.shape[0] * 1.1))))
-        return GroupSearch(part, capacity, base_capacity)
+
+@dataclass
+class GroupSearch:
+    """Searches one group; its sizes are remembered between frames so that they seldom change (host)."""
+
+    name: str
+    dofs: tuple[int, ...]
+    part: BodyPart
+    sizes: Sizes = field(default_factory=lambda: Sizes(256, 256))
 
     def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
-        """Corners of the region in the rectangle; the size grows in steps of 32 and never beyond the rectangle."""
+        """Corners of the region in the rectangle; its size grows in steps and never beyond the rectangle."""
         height, width = problem.size
-        if min(self.part.dofs) < 6:
-            self.region = (height, width)
-            return np.zeros((len(boxes), 2), np.int32)
         boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
-        extent = (boxes[:, 2:] - boxes[:, :2]).max(0) + 32
-        wanted = [int(-(-extent[axis] // REGION_STEP) * REGION_STEP) for axis in (1, 0)]
-        size = tuple(min(max(w, r), full // 8 * 8) for w, r, full in zip(wanted, self.region, (height, width), strict=True))
-        self.region = (size[0], size[1])
+        extent = (boxes[:, 2:] - boxes[:, :2]).max(0) + 16
+        size = []
+        for axis, full in ((1, height), (0, width)):
+            old = self.sizes.region[1 - axis]
+            need = min(float(extent[axis]), full)
+            size.append(old if need <= old else int(min(-(-need * 1.15 // REGION_STEP) * REGION_STEP, full)))
+        size = (min(size[0], height // 8 * 8), min(size[1], width // 8 * 8))
+        self.sizes.region = size
         centre = 0.5 * (boxes[:, :2] + boxes[:, 2:])
         top = np.clip(centre[:, 1] - size[0] / 2, 0, height - size[0])
         left = np.clip(centre[:, 0] - size[1] / 2, 0, width - size[1])
@@ -165,23 +182,48 @@ class GroupSearch:
     ) -> GroupResult:
         """Search the group around `pose`. A capacity that overflows is enlarged and the search run again."""
         skeleton = character.skeleton
-        free = jnp.array([0.5, 0.5, 0.5, 1.2, 1.2, 1.2])
+        free = jnp.array(ROOT_REACH)
         lower = jnp.concatenate([-free, skeleton.lower - pose.angles])
         upper = jnp.concatenate([free, skeleton.upper - pose.angles])
-        spread = jnp.asarray(spread, jnp.float32)
-        dofs = np.array(self.part.dofs)
-        cloud = np.zeros((2 * len(dofs) + 1, 39), np.float32)
-        for row, dof in enumerate(dofs):
+        cloud = np.zeros((2 * len(self.dofs) + 1, 39), np.float32)
+        for row, dof in enumerate(self.dofs):
             cloud[2 * row, dof], cloud[2 * row + 1, dof] = 1.7 * spread[dof], -1.7 * spread[dof]
         boxes = np.asarray(particle_boxes(character, self.part, pose, problem, jnp.asarray(cloud)))
         corners = jnp.asarray(self.place_region(boxes, problem))
+        sizes = self.sizes
         while True:
+            sized = tuple(replace(stage, energy=with_far_capacity(stage.energy, sizes.far_capacity)) for stage in stages)
             result = _search(
-                stages, sampler, character, self.part, pose, problem, corners, self.region, self.capacity,
-                self.base_capacity, spread, lower, upper, key,
+                sized, sampler, character, self.part, pose, problem, corners, sizes.region, sizes.capacity,
+                sizes.base_capacity, jnp.asarray(spread, jnp.float32), lower, upper, key,
             )  # fmt: skip
-            needed, needed_base = int(result.needed), int(result.needed_base)
-            if needed <= self.capacity and needed_base <= self.base_capacity:
+            needed, needed_base, needed_far = int(result.needed), int(result.needed_base), int(result.needed_far)
+            if 1.1 * needed <= sizes.capacity and needed_base <= sizes.base_capacity and needed_far <= sizes.far_capacity:
                 return result
-            self.capacity = max(self.capacity, 2 ** (needed - 1).bit_length())
-            self.base_capacity = max(self.base_capacity, 2 ** (needed_base - 1).bit_length())
+            sizes.capacity = max(sizes.capacity, _power(1.2 * needed))
+            sizes.base_capacity = max(sizes.base_capacity, _power(1.1 * needed_base))
+            sizes.far_capacity = max(sizes.far_capacity, _power(1.1 * needed_far))
+
+
+def with_far_capacity(energy: SearchEnergy, capacity: int) -> SearchEnergy:
+    """The energy with another bound on the list of body pixels scored again outside a limb's region."""
+    return SearchEnergy(
+        tuple(replace(term, capacity=capacity) if isinstance(term, ViewView) else term for term in energy.terms)
+    )
+
+
+def group_searches(character: Character) -> list[GroupSearch]:
+    """One search per group of the skeleton, left and right padded to the same shapes."""
+    groups = character.skeleton.groups
+    plain = {name: body_part(character, dofs) for name, dofs in groups}
+    num_faces = character.faces.shape[0]
+    shared: dict[str, Sizes] = {}
+    searches = []
+    for name, dofs in groups:
+        kind = name.split("_")[-1]
+        alike = [plain[other] for other, _ in groups if other.split("_")[-1] == kind]
+        faces = max(part.faces.shape[1] for part in alike)
+        part = body_part(character, dofs, faces, max(part.vertices.shape[0] for part in alike))
+        sizes = shared.setdefault(kind, Sizes(_power(1.3 * faces), _power(1.3 * num_faces)))
+        searches.append(GroupSearch(name, dofs, part, sizes))
+    return searches

@@ -7,6 +7,7 @@ source it is view-view consistency (Eq. 7) in least-squares form; with the last 
 paper's [4].
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -41,7 +42,7 @@ class FlowSettings:
     """`samples` rows per view and source; pixels nearer than `margin` to the silhouette are left out, grazing faces below
     `facing` too; `colour` is the largest grey difference (0..1) of a match; `longest` the longest flow in pixels."""
 
-    samples: int = 1200
+    samples: int = 800
     margin: int = 3
     facing: float = 0.25
     colour: float = 0.2
@@ -98,56 +99,67 @@ def surface_flow(
 ) -> list[SurfaceLines]:
     """Rows for every view and source: `images` are the rectangles of the current frame, `sources[camera]` a list in order
     of preference; a pixel uses every source that sees it."""
-    parts = []
-    for camera in range(problem.num_cameras):
-        target = _grey(images[camera])
-        for source in sources[camera]:
-            rows = _one_source(character, vertices, ids[camera], target, camera, problem, source, settings)
-            if rows is not None:
-                parts.extend(rows)
-    return parts
+    host_ids = np.asarray(ids)
+    greys = [_grey(image) for image in images]
+    jobs = [(camera, source) for camera in range(problem.num_cameras) for source in sources[camera]]
+
+    def one(job: tuple[int, Source]) -> list[SurfaceLines]:
+        camera, source = job
+        return _one_source(character, vertices, host_ids[camera], greys[camera], camera, problem, source, settings)
+
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        return [lines for found in pool.map(one, jobs) for lines in found]
 
 
-def _one_source(character, vertices, ids, target, camera, problem, source, settings) -> list[SurfaceLines] | None:
+def _one_source(character, vertices, ids, target, camera, problem, source, settings) -> list[SurfaceLines]:
+    """Rows of one view and source; as many for every frame, so that what uses them compiles once."""
     view = (problem.intrinsics[camera], problem.cam_from_world[camera])
     origin = problem.origins[camera]
     source_pixel, seen, cosine = _carry(
         vertices, character.faces, ids, *view, origin, source.vertices, source.intrinsics, source.cam_from_world,
         source.ids, jnp.asarray(source.origin), problem.surface.near_faces,
     )  # fmt: skip
-    source_pixel, seen, cosine = np.asarray(source_pixel), np.asarray(seen), np.asarray(cosine)
+    source_pixel, seen, cosine = np.array(source_pixel), np.asarray(seen), np.asarray(cosine)
+    weight, moved = np.zeros(ids.shape, np.float32), np.zeros((*ids.shape, 2), np.float32)
+    picked = np.zeros(settings.samples, np.int64)
+    alive = np.zeros(settings.samples, bool)
+    box = _box_of(seen)
+    if box is not None:
+        source_pixel[~np.isfinite(source_pixel)] = 0
+        carried = sample_picture(_grey(source.image), source_pixel[box][..., 0], source_pixel[box][..., 1])
+        seen_here, target_here = seen[box], target[box]
+        gain = float(np.clip(target_here[seen_here].mean() / max(carried[seen_here].mean(), 1.0), 0.5, 2.0))
+        predicted = np.where(seen_here, np.clip(carried * gain, 0, 255), target_here).astype(np.uint8)
+        forward = dense_flow(predicted, target_here, settings.preset)
+        backward = dense_flow(target_here, predicted, settings.preset)
+        good = np.zeros(ids.shape, bool)
+        good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here, settings)
+        structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(predicted, (0, 0), 1.0), 9, 3)
+        weight[box], moved[box] = structure / (structure + 2e-4), forward
+        picked = pick_samples(good, settings.samples)
+        alive = np.arange(settings.samples) < good.sum()
+    row, column = np.divmod(picked, ids.shape[1])
+    pixels = (np.stack([column, row], -1) + np.asarray(origin)[::-1] + 0.5).astype(np.float32)
+    targets = pixels + moved[row, column]
+    shares = np.where(alive, weight[row, column], 0.0).astype(np.float32)
+    face = ids[row, column]
+    lines = [surface_lines(vertices, character.faces, face, pixels, targets, shares, view)]
+    if source.same_time:
+        other = (source.intrinsics, source.cam_from_world)
+        there = np.where(alive[:, None], source_pixel[row, column], 0.0).astype(np.float32)
+        lines.append(surface_lines(vertices, character.faces, face, pixels, there, shares, view, other))
+    return lines
+
+
+def _box_of(seen: Bool[np.ndarray, "height width"], border: int = 24) -> tuple[slice, slice] | None:
+    """Rows and columns around the pixels seen, or None when they are too few to compare."""
     if seen.sum() < 200:
         return None
-    carried = sample_picture(_grey(source.image), source_pixel[..., 0], source_pixel[..., 1])
-    gain = float(np.clip(target[seen].mean() / max(carried[seen].mean(), 1.0), 0.5, 2.0))
-    predicted = np.where(seen, np.clip(carried * gain, 0, 255), target).astype(np.uint8)
-    forward = dense_flow(predicted, target, settings.preset)
-    backward = dense_flow(target, predicted, settings.preset)
-    good = usable(seen, cosine, forward, backward, predicted, target, settings)
-    structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(predicted, (0, 0), 1.0), 9, 3)
-    confidence = structure / (structure + 2e-4)
-    picked = pick_samples(good, settings.samples)
-    row, column = np.divmod(picked, target.shape[1])
-    alive = np.arange(len(picked)) < good.sum()
-    corner = np.asarray(origin)[::-1] + 0.5
-    pixels = np.stack([column, row], -1) + corner
-    moved = pixels + forward[row, column]
-    weight = jnp.asarray((confidence[row, column] * alive).astype(np.float32))
-    face = jnp.asarray(ids)[row, column]
-    lines = [
-        surface_lines(
-            vertices, character.faces, face, jnp.asarray(pixels, jnp.float32), jnp.asarray(moved, jnp.float32), weight, view
-        )  # fmt: skip
-    ]
-    if source.same_time:
-        lines.append(
-            surface_lines(
-                vertices, character.faces, face, jnp.asarray(pixels, jnp.float32),
-                jnp.asarray(source_pixel[row, column], jnp.float32), weight, view,
-                (source.intrinsics, source.cam_from_world),
-            )  # fmt: skip
-        )
-    return lines
+    rows, columns = np.flatnonzero(seen.any(1)), np.flatnonzero(seen.any(0))
+    return (
+        slice(max(int(rows[0]) - border, 0), int(rows[-1]) + border + 1),
+        slice(max(int(columns[0]) - border, 0), int(columns[-1]) + border + 1),
+    )
 
 
 def usable(

@@ -1,0 +1,154 @@
+"""A capture folder in, a result folder out: what the command `track` does."""
+
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from jaxmocap._results import InputError
+from jaxmocap.capture import Capture
+from jaxmocap.character import Character
+from jaxmocap.motion import Motion, claim_output, write_json
+from jaxmocap.observation import fit_capture_appearance
+from jaxmocap.track import (
+    FrameResult,
+    Progress,
+    Quality,
+    Registration,
+    Tracker,
+    key_poses_of,
+    motion_of,
+    observe,
+    read_pose_file,
+    register,
+    track_frames,
+)
+from jaxmocap.viewers import overlay_videos
+
+Report = Callable[[str, int, int], None]
+"""Told what is being done, how much of it is done, and how much there is."""
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for package in ("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "numpy", "opencv-python-headless", "av"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def open_character(capture: Capture) -> Character:
+    """The capture's actor. Raises `InputError` when it names none."""
+    if capture.actor is None:
+        raise InputError(f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF, to capture.toml.")
+    return Character.load(capture.actor)
+
+
+def registration_record(registrations: dict[int, Registration], character: Character) -> dict:
+    """What `registration.json` holds: per selected frame the fit and the pose, metres and degrees."""
+    from jaxmocap.character import pose_vector
+
+    record = {}
+    for frame, found in registrations.items():
+        vector = np.array(pose_vector(character.skeleton, found.pose), np.float64)
+        vector[3:] = np.rad2deg(vector[3:])
+        record[str(frame)] = {
+            "iou": [None if np.isnan(v) else round(float(v), 4) for v in found.iou],
+            "keypoint_rms_m": None if np.isnan(found.keypoint_rms) else round(found.keypoint_rms, 4),
+            "searched": found.searched,
+            "pose": {name: round(float(v), 5) for name, v in zip(character.skeleton.dof_names, vector, strict=True)},
+        }
+    return record
+
+
+def _frame_report(result: FrameResult) -> dict:
+    return {
+        "frame": result.frame,
+        "status": result.status,
+        "energy": {name: round(value, 5) for name, value in result.energy.items()},
+        "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
+    }
+
+
+def track_capture(
+    path: str | Path,
+    out: str | Path,
+    *,
+    quality: Quality = "normal",
+    seed: int = 0,
+    frames: tuple[int, int] | None = None,
+    pose_file: str | Path | None = None,
+    tracker: Tracker | None = None,
+    overlays: bool = True,
+    progress: Report | None = None,
+) -> Motion:
+    """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
+    video per view. Nothing is left behind when it fails.
+
+    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `tracker` replaces the preset.
+    """
+    tell = progress or (lambda stage, done, total: None)
+    begin = time.perf_counter()
+    with claim_output(out) as staging:
+        capture = Capture.open(path)
+        character = open_character(capture)
+        cameras = capture.cameras
+        overrides = read_pose_file(pose_file) if pose_file is not None else None
+        tracker = Tracker.preset(quality) if tracker is None else tracker
+        key = jax.random.key(seed)
+        selected = capture.selected_frames or (0,)
+        tell("register", 0, len(selected))
+        registrations: dict[int, Registration] = {}
+        for number, frame in enumerate(selected):
+            registrations |= register(
+                capture, cameras, character, (frame,), key=jax.random.fold_in(key, 1), overrides=overrides
+            )  # fmt: skip
+            tell("register", number + 1, len(selected))
+        tell("appearance", 0, 1)
+        appearance = fit_capture_appearance(
+            capture, cameras, character, key_poses_of(registrations), key=jax.random.fold_in(key, 2)
+        )  # fmt: skip
+        observations = observe(capture, cameras, character, appearance, registrations)
+        tell("appearance", 1, 1)
+        prepared = time.perf_counter()
+
+        def told(step: Progress) -> None:
+            tell("track", step.done, step.total)
+
+        results = track_frames(observations, tracker, key=jax.random.fold_in(key, 3), frames=frames, progress=told)
+        tracked = time.perf_counter()
+        provenance = {
+            "capture": str(capture.folder.resolve()),
+            "capture_name": capture.name,
+            "truth": None if capture.truth is None else str(capture.truth.resolve()),
+            "quality": quality,
+            "seed": seed,
+            "versions": _versions(),
+            "device": str(jax.devices()[0]),
+            "seconds": {"prepare": prepared - begin, "track": tracked - prepared},
+            "registration": registration_record(registrations, character),
+        }
+        motion = motion_of(observations, results, provenance)
+        motion.save(staging)
+        write_json(staging / "registration.json", provenance["registration"])
+        write_json(
+            staging / "report.json",
+            {
+                **motion.provenance,
+                "frames": len(motion),
+                "lost_frames": int((motion.status == "lost").sum()),
+                "doubtful_frames": int((motion.status == "doubtful").sum()),
+                "verdicts": [_frame_report(result) for result in results],
+            },
+        )
+        if overlays:
+            tell("overlays", 0, 1)
+            overlay_videos(capture, motion.cameras or cameras, motion, staging)
+            tell("overlays", 1, 1)
+    return motion

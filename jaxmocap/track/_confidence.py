@@ -1,0 +1,64 @@
+"""How far a frame's answer may be trusted: from the pixels it explains, limb by limb."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxmocap.character import Character
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`confidence` per landmark in [0, 1], and "ok", "doubtful" or "lost"."""
+
+    confidence: Float[np.ndarray, "landmark"]
+    status: str
+    covered_cost: float
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """Mean cost of Eq. 6 over the covered pixels (0 explains them, 0.5 says nothing, 1 is background): above
+    `doubtful` or `lost`, or when the body moves faster than `top_speed` metres per second, the frame is called so."""
+
+    doubtful: float = 0.42
+    lost: float = 0.55
+    top_speed: float = 15.0
+    least_pixels: int = 30
+
+
+def dominant_bodies(character: Character) -> Int[np.ndarray, "face"]:
+    """The body that moves each face most."""
+    return np.asarray(character.weights)[np.asarray(character.faces)].sum(1).argmax(1)
+
+
+def judge(
+    character: Character,
+    face_bodies: Int[np.ndarray, "face"],
+    ids: Int[np.ndarray, "camera height width"],
+    costs: Float[np.ndarray, "camera height width"],
+    speed: float,
+    settings: VerdictSettings,
+) -> Verdict:
+    """Verdict of a frame from its face ids and pixel costs. A body seen in fewer than `least_pixels` pixels takes the
+    confidence of the nearest ancestor that is seen."""
+    covered = ids >= 0
+    bodies = len(character.skeleton.body_names)
+    if not covered.any():
+        return Verdict(np.zeros(len(character.skeleton.landmark_names)), "lost", 1.0)
+    body = face_bodies[ids[covered]]
+    count = np.bincount(body, minlength=bodies)
+    cost = np.bincount(body, weights=costs[covered], minlength=bodies) / np.maximum(count, 1)
+    confidence = np.clip(1.25 - 1.75 * cost, 0.0, 1.0)
+    overall = float(costs[covered].mean())
+    general = float(np.clip(1.25 - 1.75 * overall, 0.0, 1.0))
+    for index, parent in enumerate(character.skeleton.parents):
+        if count[index] < settings.least_pixels:
+            confidence[index] = confidence[parent] if parent >= 0 else general
+    status = "ok"
+    if overall > settings.lost or speed > 2 * settings.top_speed:
+        status = "lost"
+    elif overall > settings.doubtful or speed > settings.top_speed:
+        status = "doubtful"
+    return Verdict(confidence[list(character.skeleton.landmark_bodies)], status, overall)

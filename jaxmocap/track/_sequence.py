@@ -1,0 +1,138 @@
+"""From a registered start to a whole motion: frames in order, forwards and, before the start, backwards."""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import PRNGKeyArray
+
+from jaxmocap._results import InputError
+from jaxmocap.appearance import Appearance
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import Capture
+from jaxmocap.character import Character, Pose
+from jaxmocap.motion import Motion, cameras_at
+from jaxmocap.observation import FrameImages, Observations
+
+from ._frame import FrameResult, FrameTracker
+from ._register import Registration
+from ._tracker import Tracker
+
+
+class Progress(NamedTuple):
+    """Told after every frame: frames done, frames in all, and the frame's result."""
+
+    done: int
+    total: int
+    result: FrameResult
+
+
+def key_poses_of(registrations: dict[int, Registration] | dict[int, Pose]) -> dict[int, Pose]:
+    """The poses of registered frames."""
+    return {frame: r.pose if isinstance(r, Registration) else r for frame, r in registrations.items()}
+
+
+def observe(
+    capture: Capture,
+    cameras: Cameras,
+    character: Character,
+    appearance: Appearance,
+    key_poses: dict[int, Registration] | dict[int, Pose],
+) -> Observations:
+    """The capture's frames as problems, decoded one at a time while they are tracked."""
+    return Observations(capture, cameras, character, appearance, key_poses_of(key_poses))
+
+
+def _backwards(capture: Capture, start: int, stop: int) -> Iterator[FrameImages]:
+    for frame in range(start, stop, -1):
+        images = [capture.image(camera, frame) for camera in range(capture.num_cameras)]
+        yield FrameImages(frame, float(capture.timestamps[frame]), images)
+
+
+def track_frames(
+    observations: Observations,
+    tracker: Tracker,
+    *,
+    key: PRNGKeyArray,
+    frames: tuple[int, int] | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> list[FrameResult]:
+    """Results of every frame in `frames` (start, stop), in order.
+
+    Tracking starts at the last selected frame not after the first one wanted; when all selected frames come later, it
+    starts at the earliest and also runs backwards.
+    """
+    capture = observations.capture
+    first, stop = frames if frames is not None else (0, capture.num_frames)
+    if not 0 <= first < stop <= capture.num_frames:
+        raise InputError(
+            f"frames {first}:{stop} are asked for, but capture '{capture.name}' has frames 0:{capture.num_frames}; "
+            "give a range inside it."
+        )
+    known = sorted(observations.key_poses)
+    before = [frame for frame in known if frame <= first]
+    start = before[-1] if before else known[0]
+    total = max(stop - start, 1) + max(start - first, 0)
+    results: dict[int, FrameResult] = {}
+
+    def run(shown_frames: Iterator[FrameImages]) -> None:
+        worker = FrameTracker(observations, tracker, key)
+        for shown in shown_frames:
+            is_start = shown.frame == start
+            result = worker.first(shown, observations.key_poses[start]) if is_start else worker.track(shown)
+            if shown.frame not in results:
+                results[shown.frame] = result
+                if progress is not None:
+                    progress(Progress(len(results), total, result))
+
+    run(observations.frames(start, max(stop, start + 1)))
+    if start > first:
+        run(_backwards(capture, start, first - 1))
+    return [results[frame] for frame in range(first, stop)]
+
+
+def motion_of(observations: Observations, results: list[FrameResult], provenance: dict | None = None) -> Motion:
+    """The record of tracked frames."""
+    capture = observations.capture
+    positions = np.array([result.frame for result in results])
+    poses = Pose(jnp.stack([r.pose.root for r in results]), jnp.stack([r.pose.angles for r in results]))
+    terms = sorted({name for result in results for name in result.energy})
+    seconds = [sum(result.seconds.values()) for result in results]
+    return Motion.from_poses(
+        observations.character,
+        poses,
+        capture.video_frames[0][positions],
+        capture.timestamps[positions],
+        confidence=np.stack([result.confidence for result in results]),
+        status=[result.status for result in results],
+        energy={name: np.array([result.energy.get(name, np.nan) for result in results]) for name in terms},
+        provenance={"seconds_per_frame": float(np.mean(seconds)), **(provenance or {})},
+        cameras=cameras_at(observations.cameras, positions),
+        up=capture.up,
+    )
+
+
+def track(
+    observations: Observations,
+    start: Pose | Registration | None = None,
+    tracker: Tracker | None = None,
+    *,
+    key: PRNGKeyArray | None = None,
+    frames: tuple[int, int] | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Motion:
+    """Track the person through the capture (sec. 4): `Tracker()` is the paper.
+
+    `start` replaces the registered pose of the frame at which tracking starts. Same key, same bits.
+    """
+    tracker = Tracker() if tracker is None else tracker
+    if start is not None:
+        first = (frames or (0, 0))[0]
+        before = [frame for frame in sorted(observations.key_poses) if frame <= first]
+        anchor = before[-1] if before else min(observations.key_poses)
+        observations.key_poses[anchor] = start.pose if isinstance(start, Registration) else start
+    key = jax.random.key(0) if key is None else key
+    results = track_frames(observations, tracker, key=key, frames=frames, progress=progress)
+    return motion_of(observations, results)

@@ -1,0 +1,108 @@
+"""The tracker as a value: what is searched, with how much effort, and how the result is refined."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxmocap._results import InputError
+from jaxmocap._types import knob
+from jaxmocap.energies import ContourSettings, SearchEnergy, search_energy
+from jaxmocap.refiners import AbstractRefiner, LeastSquares
+from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
+
+from ._confidence import VerdictSettings
+from ._surface_flow import FlowSettings
+
+Quality = Literal["draft", "normal", "paper"]
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """Effort of the annealing: `stages` are (every step-th pixel, iterations) from coarse to fine; `particles` per group
+    (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `answer` "mean" is the paper's."""
+
+    stages: tuple[tuple[int, int], ...] = ((1, 25),)
+    particles: int | None = None
+    spread: float = 1.0
+    answer: Literal["mean", "best_if_better"] = "best_if_better"
+
+    def sampler(self, num_dofs: int, sigma_min: Float[Array, "dof"]) -> InteractingSimulatedAnnealing:
+        """The annealing of one group."""
+        count = particles_for(num_dofs) if self.particles is None else self.particles
+        iterations = sum(count for _, count in self.stages)
+        return InteractingSimulatedAnnealing(
+            num_particles=count, num_iterations=iterations, answer=self.answer, sigma_min=sigma_min
+        )
+
+
+class RefineWeights(eqx.Module):
+    """Numbers of Eqs 8 to 10, all array leaves.
+
+    `regularisation` is lambda_reg = 3 of the paper; `residual_scale` the metres that count as 1 in the data term (the
+    paper gives no unit): with it the L1's dead zone is about 0.06 degrees for a forearm. `prior` scales the pull to the
+    autoregression's prediction against lambda_reg, 1 is the paper. `robust` is the Geman-McClure scale in metres.
+    """
+
+    regularisation: Float[Array, ""] = knob(3.0)
+    residual_scale: Float[Array, ""] = knob(0.10)
+    prior: Float[Array, ""] = knob(1.0)
+    robust: Float[Array, ""] = knob(0.02)
+    contour: Float[Array, ""] = knob(1.0)
+    surface: Float[Array, ""] = knob(1.0)
+
+
+@dataclass(frozen=True)
+class RefinePlan:
+    """The local refinement: `rounds` of association and solving; `surface_flow` adds to the paper's contour rows the
+    correspondences carried over the surface from the selected frames and the other views."""
+
+    rounds: int = 6
+    steps: int = 2
+    contours: ContourSettings = field(default_factory=ContourSettings)
+    surface_flow: bool = False
+    flow: FlowSettings = field(default_factory=FlowSettings)
+    weights: RefineWeights = field(default_factory=RefineWeights)
+    refiner: AbstractRefiner = field(default_factory=LeastSquares)
+    autoregression: Literal["ridge", "quadratic", "velocity"] = "ridge"
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """`Tracker()` is the paper. `Tracker.preset(quality)` are the settings of the command line's `--quality`.
+
+    `search_energy` is Eq. 5. `search` None skips the sample-based search, `refine` None the refinement (the ablations
+    of Figs. 12 and 14). `flow_start` starts each frame from optical flow (sec. 4.1, Initialization).
+    """
+
+    search_energy: SearchEnergy = field(default_factory=search_energy)
+    search: SearchPlan | None = field(default_factory=SearchPlan)
+    refine: RefinePlan | None = field(default_factory=RefinePlan)
+    flow_start: bool = True
+    flow: FlowSettings = field(default_factory=FlowSettings)
+    verdict: VerdictSettings = field(default_factory=VerdictSettings)
+
+    @staticmethod
+    def preset(quality: Quality = "normal") -> "Tracker":
+        """Settings by name: "paper" is the published method and budget, "normal" the best accuracy per second, "draft" a
+        quick look."""
+        if quality == "paper":
+            return Tracker()
+        fast = search_energy(step=2, sampling="nearest")
+        plan = RefinePlan(
+            surface_flow=True, rounds=3,
+            weights=RefineWeights(regularisation=0.3, residual_scale=0.02, prior=0.3, robust=0.015),
+            contours=ContourSettings(reach=10),
+        )  # fmt: skip
+        if quality == "normal":
+            return Tracker(fast, SearchPlan(((2, 12),), particles=64, spread=0.6), plan)
+        if quality == "draft":
+            return Tracker(fast, SearchPlan(((4, 6),), particles=32, spread=0.5), replace(plan, rounds=2))
+        raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
+
+
+def sigma_floor(dofs: tuple[int, ...]) -> Float[Array, "group_dof"]:
+    """Smallest spread the annealing keeps: 2 mm for translations, 0.25 degrees for angles."""
+    return jnp.array([0.002 if dof < 3 else 0.00436 for dof in dofs])
