@@ -1,0 +1,172 @@
+"""The two drivers, drawing in parts, and overflow: bit for bit."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from meshes import INTRINSICS, camera_at
+
+from jaxmocap.render import (
+    WINDOW,
+    KeyLayout,
+    crop,
+    draw,
+    draw_scatter,
+    empty_buffer,
+    expand,
+    inverse_depth_range,
+    projection_matrices,
+    to_screen,
+    window_jobs,
+)
+
+HEIGHT, WIDTH, CAPACITY = 240, 176, 8192
+
+
+class Picture:
+    """The actor before one camera, in a rectangle that begins at `origin` of the image."""
+
+    def __init__(self, actor, vertices, origin):
+        camera = jnp.asarray(camera_at(2.6, 0.2), jnp.float32)
+        projection = projection_matrices(jnp.asarray(INTRINSICS, jnp.float32), camera)
+        self.faces = jnp.asarray(actor.faces).T
+        self.layout = KeyLayout.for_faces(self.faces.shape[1])
+        self.screen = to_screen(jnp.asarray(vertices), projection, jnp.asarray(origin, jnp.int32))
+        self.depth_range = inverse_depth_range(jnp.asarray(vertices), camera)
+        self.numbers = jnp.arange(self.faces.shape[1], dtype=jnp.int32)
+
+    def jobs(self, faces=None, numbers=None, active=None, capacity=CAPACITY, size=(HEIGHT, WIDTH), corner=None):
+        faces = self.faces if faces is None else faces
+        numbers = self.numbers if numbers is None else numbers
+        return _jobs(self.screen, faces, numbers, active, *size, self.depth_range, self.layout, capacity, corner)
+
+    def draw(self, jobs, buffer=None, size=(HEIGHT, WIDTH)):
+        buffer = empty_buffer(self.layout, *size) if buffer is None else buffer
+        return _draw(buffer, jobs, self.layout)
+
+
+_jobs = jax.jit(window_jobs, static_argnums=(4, 5, 7, 8))
+_draw = jax.jit(draw, static_argnums=2)
+_scatter = jax.jit(draw_scatter, static_argnums=2)
+
+ORIGINS = {"whole body": (40, 170), "cut by the rectangle": (151, 203)}
+
+
+@pytest.fixture(scope="module", params=ORIGINS.values(), ids=ORIGINS.keys())
+def picture(actor, dancers, request):
+    return Picture(actor, dancers[2], request.param)
+
+
+@pytest.fixture(scope="module")
+def limb(actor):
+    """Faces of the left forearm and hand."""
+    names = actor.skeleton.body_names
+    weights = np.asarray(actor.weights)[:, [names.index("l_forearm"), names.index("l_hand")]].sum(1)
+    return (weights > 0)[np.asarray(actor.faces)].any(1)
+
+
+def test_both_drivers_give_the_same_bits(picture):
+    jobs = picture.jobs()
+    assert 500 < int(jobs.count) <= CAPACITY
+    looped = picture.draw(jobs)
+    scattered = _scatter(empty_buffer(picture.layout, HEIGHT, WIDTH), jobs, picture.layout)
+    np.testing.assert_array_equal(crop(looped), crop(scattered))
+    assert (np.asarray(picture.layout.face(crop(looped))) >= 0).sum() > 2000
+
+
+def test_both_drivers_give_the_same_bits_over_a_buffer_that_holds_something(picture, limb):
+    base = picture.draw(picture.jobs(active=jnp.asarray(~limb)))
+    jobs = picture.jobs(active=jnp.asarray(limb))
+    np.testing.assert_array_equal(crop(picture.draw(jobs, base)), crop(_scatter(base, jobs, picture.layout)))
+
+
+def test_a_limb_drawn_over_the_rest_gives_the_bits_of_the_whole(picture, limb):
+    whole = picture.draw(picture.jobs())
+    rest = picture.draw(picture.jobs(active=jnp.asarray(~limb)))
+    own = jnp.asarray(np.flatnonzero(limb), jnp.int32)
+    jobs = picture.jobs(faces=picture.faces[:, own], numbers=own, capacity=1024)
+    assert int(jobs.needed) <= 1024
+    np.testing.assert_array_equal(crop(picture.draw(jobs, rest)), crop(whole))
+    assert np.any(np.asarray(crop(rest)) != np.asarray(crop(whole)))
+
+
+def test_a_corner_inside_the_rectangle_gives_the_bits_of_the_rectangle(picture):
+    whole = crop(picture.draw(picture.jobs()))
+    for corner in ((16, 24), (53, 31)):
+        jobs = picture.jobs(size=(96, 88), corner=jnp.asarray(corner, jnp.int32))
+        part = crop(picture.draw(jobs, size=(96, 88)))
+        np.testing.assert_array_equal(part, whole[corner[0] : corner[0] + 96, corner[1] : corner[1] + 88])
+
+
+def test_the_order_of_the_faces_does_not_change_the_faces_seen(picture):
+    order = np.random.default_rng(0).permutation(picture.faces.shape[1]).astype(np.int32)
+    shuffled = picture.jobs(faces=picture.faces[:, order], numbers=jnp.asarray(order))
+    np.testing.assert_array_equal(crop(picture.draw(shuffled)), crop(picture.draw(picture.jobs())))
+
+
+def test_overflow_is_reported_and_draws_a_part(picture):
+    enough = picture.jobs()
+    needed = int(enough.needed)
+    short = picture.jobs(capacity=256)
+    assert int(short.needed) == needed > 256
+    assert int(short.count) == 256
+    exact = picture.jobs(capacity=needed)
+    assert int(exact.count) == needed
+    np.testing.assert_array_equal(picture.draw(exact), picture.draw(enough))
+    missing = np.asarray(picture.draw(short)) != np.asarray(picture.draw(enough))
+    assert missing.any()
+
+
+def test_windows_stay_inside_the_border(picture):
+    jobs = picture.jobs()
+    corners = np.asarray(jax.lax.bitcast_convert_type(jobs.records[: int(jobs.count), 9:11], jnp.int32))
+    assert corners.min() >= 0
+    assert np.all(corners + WINDOW <= [WIDTH + 2 * WINDOW, HEIGHT + 2 * WINDOW])
+
+
+@pytest.mark.parametrize("picture", [ORIGINS["whole body"]], indirect=True)
+def test_mapping_over_particles_sees_the_same_faces_as_one_at_a_time(picture):
+    """What a search does: poses one after the other by `lax.map`, or all at once by `vmap` of the scatter. Compiled
+    apart, the two may round a depth to neighbouring levels."""
+    shifts = jnp.array([0.0, 3.3, -8.7])
+
+    def keys(shift, driver):
+        screen = picture.screen.at[0].add(shift)
+        jobs = window_jobs(
+            screen, picture.faces, picture.numbers, None, HEIGHT, WIDTH, picture.depth_range, picture.layout, CAPACITY
+        )  # fmt: skip
+        return crop(driver(empty_buffer(picture.layout, HEIGHT, WIDTH), jobs, picture.layout))
+
+    looped = np.asarray(jax.jit(lambda s: jax.lax.map(lambda one: keys(one, draw), s))(shifts))
+    mapped = np.asarray(jax.jit(jax.vmap(lambda one: keys(one, draw_scatter)))(shifts))
+    alone = crop(picture.draw(picture.jobs()))
+    for first, second in ((looped, mapped), (looped[0], np.asarray(alone))):
+        assert np.mean(first != second) < 1e-4
+        np.testing.assert_array_equal(picture.layout.face(jnp.asarray(first)), picture.layout.face(jnp.asarray(second)))
+        levels = (first >> picture.layout.id_bits) - (second >> picture.layout.id_bits)
+        assert np.abs(levels).max() <= 1
+    assert np.any(looped[1] != looped[0])
+
+
+_expand = jax.jit(expand, static_argnums=1)
+
+
+def test_expansion_repeats_items_by_their_counts():
+    counts = np.array([0, 3, 0, 1, 2, 0], np.int32)
+    item, rank, total = _expand(jnp.asarray(counts), 10)
+    assert int(total) == 6
+    np.testing.assert_array_equal(item[:6], np.repeat(np.arange(6), counts))
+    np.testing.assert_array_equal(rank[:6], [0, 1, 2, 0, 0, 1])
+
+
+def test_expansion_is_exact_for_many_items():
+    counts = np.random.default_rng(0).integers(0, 4, 5_000).astype(np.int32)
+    item, rank, total = _expand(jnp.asarray(counts), 16384)
+    assert int(total) == counts.sum()
+    np.testing.assert_array_equal(item[: counts.sum()], np.repeat(np.arange(5_000), counts))
+    np.testing.assert_array_equal(rank[: counts.sum()], np.concatenate([np.arange(n) for n in counts]))
+
+
+def test_expansion_of_nothing():
+    _, _, total = _expand(jnp.zeros(5, jnp.int32), 4)
+    assert int(total) == 0
