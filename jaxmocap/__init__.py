@@ -1,0 +1,66 @@
+"""jaxmocap: markerless motion capture of one person from two or three handheld videos.
+
+    import jaxmocap as jm
+
+    jm.prepare()                                                   # before JAX starts: compiled programs are kept
+    import jax
+
+    key        = jax.random.key(0)
+    capture    = jm.Capture.open("plaza")
+    cameras    = capture.cameras
+    character  = jm.Character.load(capture.actor)
+    registered = jm.register(capture, cameras, character, key=key)
+    key_poses  = {frame: found.pose for frame, found in registered.items()}
+    appearance = jm.fit_capture_appearance(capture, cameras, character, key_poses, key=key)
+    problems   = jm.observe(capture, cameras, character, appearance, key_poses)
+    motion     = jm.track(problems, registered[0], jm.Tracker.preset("normal"), key=key)
+    motion.save("result")
+
+What is public here is what a user of the pipeline names, in the order of the pipeline; `_public.py` is the list. A part
+that one exchanges or builds with (an energy term, a sampler, a rasteriser) is public in its own package:
+`jaxmocap.energies`, `jaxmocap.samplers` and so on. Modules that begin with an underscore may change without notice.
+
+Importing this package imports nothing else: names are looked up when they are first used, so that the command line
+answers at once and `prepare` can act before JAX is imported.
+"""
+
+import importlib
+import importlib.util
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from ._results import InputError as InputError
+from ._runtime import prepare as prepare
+
+if TYPE_CHECKING:
+    from ._public import *  # noqa: F403
+
+__version__ = "0.1.0"
+
+
+class _Package(ModuleType):
+    """The package `track` and the function `track` share a name; as an attribute it is the function."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "track" and isinstance(value, ModuleType):
+            value = value.track
+        super().__setattr__(name, value)
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("_"):
+        raise AttributeError(f"module 'jaxmocap' has no attribute {name!r}")
+    if name != "track" and importlib.util.find_spec(f"jaxmocap.{name}") is not None:
+        return importlib.import_module(f"jaxmocap.{name}")
+    public = importlib.import_module("jaxmocap._public")
+    if hasattr(public, name):
+        return getattr(public, name)
+    raise AttributeError(f"module 'jaxmocap' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *vars(importlib.import_module("jaxmocap._public"))})
+
+
+sys.modules[__name__].__class__ = _Package

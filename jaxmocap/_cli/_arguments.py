@@ -1,0 +1,47 @@
+"""Arguments that several verbs share."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from jaxmocap._results import InputError
+
+CapturePath = Annotated[
+    Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAPTURE", help="Capture folder, or its capture.toml.")
+]
+FrameSpan = Annotated[
+    str | None,
+    tyro.conf.arg(
+        metavar="A:B",
+        help="Only frames A to B - 1, counted from 0; either may be left out.",
+        help_behavior_hint="(default: all)",
+    ),
+]
+PoseFile = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="FILE.json",
+        help="Degrees of freedom fixed by hand at selected frames, in metres and degrees: "
+        '{"0": {"root_ty": 0.1, "l_elbow_flex": 30}}.',
+        help_behavior_hint="",
+    ),
+]
+Json = Annotated[bool, tyro.conf.arg(help="Print the answer as JSON, alone on standard output.", help_behavior_hint="")]
+Seed = Annotated[int, tyro.conf.arg(metavar="N", help="Seed of all random numbers: same seed, same result.")]
+
+
+def frame_span(text: str | None, num_frames: int) -> tuple[int, int] | None:
+    """`--frames A:B` as (A, B) within a capture of `num_frames`; None for all frames."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*(\d*)\s*:\s*(\d*)\s*", text)
+    if found is None:
+        raise InputError(f"--frames is {text!r}; A:B with whole numbers was expected, such as 10:40, 10: or :40.")
+    start, stop = int(found[1] or 0), int(found[2] or num_frames)
+    if not start < stop <= num_frames:
+        raise InputError(
+            f"--frames is {text!r}, but the capture has {num_frames} frames: A:B needs 0 <= A < B <= {num_frames}."
+        )
+    return start, stop

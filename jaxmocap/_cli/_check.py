@@ -1,0 +1,66 @@
+"""`jaxmocap check`: everything that is wrong with a capture, at once."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+from rich.text import Text
+
+from jaxmocap._results import InputError
+
+from ._arguments import CapturePath, Json
+from ._output import show
+
+if TYPE_CHECKING:
+    from jaxmocap.capture import Finding
+
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+
+
+def check(capture: CapturePath, json: Json = False) -> int:
+    """Say everything that is wrong with a capture, before tracking. Exits with 2 if there are errors."""
+    findings = examine(capture)
+    show([vars(finding) for finding in findings], lambda: findings_table(findings, capture), json_wanted=json)
+    return 2 if any(finding.severity == "error" for finding in findings) else 0
+
+
+def examine(path: Path) -> "list[Finding]":
+    """The findings about a capture and about its actor, errors first."""
+    from jaxmocap.capture import Finding, check
+
+    findings = check(path)
+    order = ("error", "warning", "note")
+    if not any(finding.severity == "error" for finding in findings):
+        findings = findings + _about_actor(path)
+    elif any(finding.where != "actor" for finding in findings):
+        findings = [*findings, Finding("note", "actor", "was not examined; it is once the errors above are mended")]
+    return sorted(findings, key=lambda finding: order.index(finding.severity))
+
+
+def findings_table(findings: "list[Finding]", path: Path) -> Table | str:
+    """The findings as a table, or one sentence if there are none."""
+    if not findings:
+        return f"{path}: nothing to complain about; it can be tracked."
+    table = Table(title=str(path), title_justify="left")
+    for column in ("", "Where", "What"):
+        table.add_column(column, overflow="fold")
+    for finding in findings:
+        table.add_row(Text(finding.severity, style=_STYLES[finding.severity]), finding.where, finding.message)
+    return table
+
+
+def _about_actor(path: Path) -> "list[Finding]":
+    from jaxmocap.capture import Capture, Finding
+    from jaxmocap.character import Character
+
+    capture = Capture.open(path)
+    if capture.actor is None:
+        return [Finding("error", "actor", "capture.toml names no actor; a skinned .glb or .gltf file is needed")]
+    try:
+        character = Character.load(capture.actor)
+    except InputError as error:
+        return [Finding("error", "actor", str(error))]
+    height = float(character.vertices[:, 1].max() - character.vertices[:, 1].min())
+    return [
+        Finding("note", "actor", f"{character.name}: {len(character.faces)} triangles, {height:.2f} m tall at rest")
+    ]

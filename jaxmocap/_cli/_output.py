@@ -1,0 +1,51 @@
+"""What a command says and where: its answer on standard output, messages and progress on standard error."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+Report = Callable[[str, int, int], None]
+"""`report(stage, done, total)`: what is going on, and how far it is."""
+
+
+def say(message: str) -> None:
+    """A line for people, on standard error."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(message, markup=False)
+
+
+def show(value: Any, as_text: Callable[[], Any], *, json_wanted: bool) -> None:
+    """The answer of a command on standard output: `value` as JSON and nothing else, or `as_text()` as rich prints it."""
+    if json_wanted:
+        from jaxmocap.motion import json_text
+
+        print(json_text(value), end="")
+    else:
+        Console(highlight=False).print(as_text(), markup=False)
+
+
+@contextlib.contextmanager
+def progress() -> Iterator[Report]:
+    """A bar per stage on standard error, drawn only on a terminal; elsewhere one line when a stage begins."""
+    console = Console(stderr=True, highlight=False)
+    columns = (
+        TextColumn("{task.description:<24}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    bars = Progress(*columns, console=console, disable=not console.is_terminal)
+    tasks = {}
+
+    def report(stage: str, done: int, total: int) -> None:
+        if stage not in tasks:
+            tasks[stage] = bars.add_task(stage, total=total)
+            if not console.is_terminal:
+                say(f"{stage} ...")
+        bars.update(tasks[stage], completed=done, total=total)
+
+    with bars:
+        yield report

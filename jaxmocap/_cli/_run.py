@@ -1,0 +1,43 @@
+"""From arguments to an exit code."""
+
+import sys
+from collections.abc import Sequence
+
+import tyro
+
+from jaxmocap._results import InputError
+from jaxmocap._runtime import prepare
+
+from ._check import check
+from ._demo import demo
+from ._evaluate import evaluate
+from ._register import register
+from ._track import track
+
+YOUR_INPUT, INTERRUPTED = 2, 130
+"""Exit codes; a bug of ours passes through, so that Python prints its traceback and exits with 1."""
+
+_COMMANDS = {"demo": demo, "check": check, "register": register, "track": track, "evaluate": evaluate}
+_DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
+
+Exit codes: 0 done; 2 the input cannot be used, one sentence says why; 3 tracking finished, but lost frames are
+reported; 1 an error of jaxmocap itself, please report the traceback."""
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; the exit code. Each verb is a function that returns its own. Usage errors exit with 2."""
+    prepare()
+    try:
+        return tyro.extras.subcommand_cli_from_dict(
+            _COMMANDS,
+            prog="jaxmocap",
+            description=_DESCRIPTION,
+            args=list(arguments),
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
+    except InputError as error:
+        print(f"jaxmocap: {error}", file=sys.stderr)
+        return YOUR_INPUT
+    except KeyboardInterrupt:
+        print("jaxmocap: interrupted; no unfinished result was left behind.", file=sys.stderr)
+        return INTERRUPTED

@@ -1,0 +1,73 @@
+"""`jaxmocap track`: a capture folder in, a result folder out."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from ._arguments import CapturePath, FrameSpan, Json, PoseFile, Seed, frame_span
+from ._output import progress, say, show
+
+if TYPE_CHECKING:
+    from jaxmocap.motion import Motion
+
+LOST_FRAMES = 3
+
+
+def track(
+    capture: CapturePath,
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="New folder for the result.")],
+    frames: FrameSpan = None,
+    seed: Seed = 0,
+    quality: Annotated[
+        Literal["draft", "normal", "paper"],
+        tyro.conf.arg(help="A quick look, the best accuracy per second, or the published method and budget."),
+    ] = "normal",
+    pose: PoseFile = None,
+    overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
+    json: Json = False,
+) -> int:
+    """Track the person through a capture and write the result. Exits with 3 if frames were lost."""
+    from jaxmocap._pipeline import track_capture
+    from jaxmocap.capture import Capture
+
+    span = None if frames is None else frame_span(frames, Capture.open(capture).num_frames)
+    with progress() as report:
+        motion = track_capture(
+            capture,
+            out,
+            quality=quality,
+            seed=seed,
+            frames=span,
+            pose_file=pose,
+            overlays=overlays,
+            progress=report,
+        )
+    show({"out": out, **summary(motion)}, lambda: sentence(motion, out), json_wanted=json)
+    return report_lost(motion)
+
+
+def summary(motion: "Motion") -> dict[str, float]:
+    """How a tracked motion turned out, in numbers."""
+    counts = {f"{status}_frames": int((motion.status == status).sum()) for status in ("lost", "doubtful")}
+    return {"frames": len(motion), **counts, "seconds_per_frame": motion.provenance["seconds_per_frame"]}
+
+
+def sentence(motion: "Motion", out: Path) -> str:
+    """How a tracked motion turned out, in words."""
+    found = summary(motion)
+    return (
+        f"{out}: {found['frames']} frames, {found['lost_frames']} lost, {found['doubtful_frames']} doubtful, "
+        f"{found['seconds_per_frame']:.2f} s per frame"
+    )
+
+
+def report_lost(motion: "Motion") -> int:
+    """The exit code, after naming the lost frames."""
+    from jaxmocap.camera import ranges
+
+    lost = motion.frames[motion.status == "lost"].tolist()
+    if not lost:
+        return 0
+    say(f"Lost in frame{'s' if len(lost) > 1 else ''} {ranges(lost)}; the overlays show where.")
+    return LOST_FRAMES

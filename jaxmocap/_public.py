@@ -1,0 +1,27 @@
+"""The public vocabulary, in the order of the pipeline."""
+# ruff: noqa: I001
+
+from .capture import Capture as Capture, Finding as Finding, check as check
+from .camera import Cameras as Cameras
+from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
+from .appearance import Appearance as Appearance
+from .observation import Observations as Observations, fit_capture_appearance as fit_capture_appearance
+from .energies import SearchEnergy as SearchEnergy, search_energy as search_energy
+from .samplers import (
+    CrossEntropy as CrossEntropy,
+    InteractingSimulatedAnnealing as InteractingSimulatedAnnealing,
+    RandomSearch as RandomSearch,
+)
+from .refiners import LeastSquares as LeastSquares, Shooting as Shooting
+from .motion import Motion as Motion
+from .track import (
+    Registration as Registration,
+    Tracker as Tracker,
+    observe as observe,
+    read_pose_file as read_pose_file,
+    register as register,
+    track as track,
+)
+from .metrics import evaluate as evaluate
+from .viewers import contact_sheet as contact_sheet, draw_overlay as draw_overlay, overlay_videos as overlay_videos
+from ._pipeline import track_capture as track_capture

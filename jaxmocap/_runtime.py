@@ -1,0 +1,45 @@
+"""What has to be settled before JAX starts: where compiled programs are kept, and how many CPU devices there are."""
+
+import os
+import sys
+from pathlib import Path
+
+_SHORTEST_COMPILATION = 0.5  # seconds; quicker ones are not worth a file
+
+
+def prepare() -> None:
+    """Keep compiled programs from run to run, and let JAX see every core. Call it before JAX is imported.
+
+    The command line does this by itself. The cache is the user's cache folder; the environment variables
+    `JAX_COMPILATION_CACHE_DIR`, `JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS` and `JAX_NUM_CPU_DEVICES` go before. Where
+    JAX runs on an accelerator the number of CPU devices changes nothing. If JAX is imported already, the cache is still
+    set, but the number of devices no longer.
+    """
+    settings = {
+        "jax_compilation_cache_dir": str(_cache_folder()),
+        "jax_persistent_cache_min_compile_time_secs": _SHORTEST_COMPILATION,
+        "jax_num_cpu_devices": _cores(),
+    }
+    for name, value in settings.items():
+        os.environ.setdefault(name.upper(), str(value))
+    if "jax" in sys.modules:
+        import jax
+
+        for name in ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"):
+            jax.config.update(name, type(settings[name])(os.environ[name.upper()]))
+
+
+def _cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _cache_folder() -> Path:
+    """The platform's place for what may be deleted at any time."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "jaxmocap" / "xla"

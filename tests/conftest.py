@@ -1,0 +1,25 @@
+"""What all tests share: run-time checks of array annotations, a cache of compiled programs, and the captures.
+
+Settings of JAX and the import hook come first, before anything imports JAX or the package.
+"""
+
+import os
+from pathlib import Path
+
+import pytest
+from jaxtyping import install_import_hook
+
+ROOT = Path(__file__).parents[1]
+DATA = Path(os.environ.get("JAXMOCAP_DATA", ROOT.parent / "shared" / "data"))
+
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+install_import_hook("jaxmocap", "array_checks.check_arrays")
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of example captures; tests that need it are skipped where it is absent."""
+    if not DATA.is_dir():
+        pytest.skip(f"the example captures are not in {DATA}; set JAXMOCAP_DATA to their folder")
+    return DATA

@@ -1,0 +1,103 @@
+"""The documentation's code runs, and its tables say what the code does."""
+
+import re
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmocap import samplers
+from jaxmocap.character import rest_pose, skin
+from jaxmocap.character._dof_table import joint_dofs
+from jaxmocap.energies import Region, SearchEnergy, body_part, prepare_base, score_particles
+from jaxmocap.motion import Motion
+from jaxmocap.observation import build_problem, place_rectangle, projected_box, surface_of
+from jaxmocap.synthetic import SyntheticCapture, make_capture
+
+ROOT = Path(__file__).parents[1]
+
+
+def code_of(file: str, comment: str) -> str:
+    """The Python block that begins with a comment."""
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / file).read_text(), re.DOTALL)
+    return next(block for block in blocks if block.startswith(f"# {comment}"))
+
+
+def run_block(path: str) -> dict:
+    """What the block of CONTRIBUTING.md for this file defines, run as if it were that file."""
+    names = {"__name__": path.removesuffix(".py").replace("/", ".")}
+    exec(compile(code_of("CONTRIBUTING.md", path), path, "exec"), names)
+    return names
+
+
+@pytest.fixture(scope="module")
+def shown() -> SyntheticCapture:
+    return make_capture(3, (192, 108))
+
+
+@pytest.fixture(scope="module")
+def motion(shown) -> Motion:
+    return Motion.from_poses(shown.character, shown.poses, [0, 1, 2], shown.timestamps)
+
+
+def test_the_energy_of_contributing_is_lowest_where_the_person_is(shown):
+    term = run_block("jaxmocap/energies/_unexplained.py")["Unexplained"]()
+    energy = SearchEnergy((term,))
+    pose, cameras, character = shown.pose(0), shown.cameras, shown.character
+    vertices = np.asarray(skin(character, pose))
+    boxes = [
+        projected_box(vertices, np.asarray(k), np.asarray(t[0]))
+        for k, t in zip(cameras.intrinsics, cameras.cam_from_world, strict=True)
+    ]
+    rectangle = place_rectangle(np.stack(boxes), np.zeros(2), cameras.sizes)
+    unlike = [rectangle.crop(mask.astype(np.float32), camera) for camera, mask in enumerate(shown.masks[0])]
+    labels = [np.zeros((rectangle.height, rectangle.width), int)] * 2
+    surface = surface_of(character, None, 2)
+    problem = build_problem(list(shown.images[0]), rectangle, cameras, 0, vertices, surface, labels, unlike)
+    part = body_part(character, tuple(range(6)))
+    region = Region(jnp.zeros((2, 2), jnp.int32), problem.size)
+    base = prepare_base(energy, character, part, pose, problem, region, 16)
+    moved = jnp.zeros((2, 39)).at[1, 0].set(0.15)
+    scores = eqx.filter_jit(score_particles)(energy, character, part, pose, problem, region, base, moved, 4096)
+    assert scores.needed <= 4096
+    assert scores.terms[0, 0] < 0.1 < scores.terms[1, 0]
+
+
+def test_the_sampler_of_contributing_finds_the_bottom_of_a_bowl():
+    sampler = run_block("jaxmocap/samplers/_hill_climbing.py")["HillClimbing"](num_particles=40, num_iterations=15)
+    target, limit = jnp.array([0.2, -0.1, 0.3]), jnp.ones(3)
+    bowl = lambda particles: jnp.sum((particles - target) ** 2, axis=-1)  # noqa: E731
+    found, info = samplers.run(sampler, bowl, jnp.zeros(3), 0.3 * limit, -limit, limit, jax.random.key(0))
+    assert jnp.linalg.norm(found - target) < 0.1 * jnp.linalg.norm(target)
+    assert info.steps.best_energy[-1] <= info.steps.best_energy[0]
+
+
+def test_the_metric_of_contributing_is_the_speed_of_a_sliding_character(shown):
+    foot_slide = run_block("jaxmocap/metrics/_foot_slide.py")["foot_slide"]
+    rest = rest_pose(shown.character.skeleton)
+    poses = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (3, *leaf.shape)), rest)
+    slid = eqx.tree_at(lambda p: p.root, poses, poses.root.at[:, 0, 3].set(jnp.array([0.0, 0.05, 0.1])))
+    motion = Motion.from_poses(shown.character, slid, [0, 1, 2], [0.0, 0.1, 0.2])
+    assert foot_slide(motion) == pytest.approx(0.5, rel=1e-4)
+
+
+def test_the_exporter_of_contributing_writes_every_frame(motion, tmp_path):
+    export_csv = run_block("jaxmocap/exporters/_csv.py")["export_csv"]
+    lines = export_csv(motion, tmp_path / "joints.csv").read_text().splitlines()
+    values = np.array([line.split(",") for line in lines[1:]], float)
+    assert lines[0].startswith("seconds,pelvis_x,pelvis_y")
+    np.testing.assert_allclose(values[:, 1:4], motion.joints[:, 0], atol=1e-6)
+
+
+def test_the_table_of_degrees_of_freedom_is_the_code_s():
+    text = (ROOT / "docs" / "conventions.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| (\w+) \| (.+?) \| (-?\d+) to (-?\d+) \|$", text, re.MULTILINE)
+    expected = [
+        (dof.name, dof.joint, dof.positive, f"{dof.lower:g}", f"{dof.upper:g}")
+        for dof in joint_dofs("cmu7")
+        if not dof.name.startswith("r_")
+    ]
+    assert rows == expected

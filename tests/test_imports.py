@@ -1,0 +1,104 @@
+"""Imports flow one way: a package may import from the rows below its own, never sideways and never upwards."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "jaxmocap"
+ROWS = (
+    ("__main__", "_cli", "__init__", "_public"),
+    ("_pipeline",),
+    ("baselines",),
+    ("exporters", "metrics", "viewers"),
+    ("track",),
+    ("energies", "samplers", "refiners", "motion"),
+    ("observation",),
+    ("appearance",),
+    ("render", "character"),
+    ("capture",),
+    ("camera",),
+    ("geometry",),
+    ("_types", "_results", "_runtime"),
+)
+RANK = {name: row for row, names in enumerate(ROWS) for name in names} | {"synthetic": 4.5}  # just below `track`
+HOST_LIBRARIES = {"cv2", "av", "trimesh", "pycolmap", "pygltflib"}
+HOST_PACKAGES = {"capture", "camera", "character", "observation", "viewers", "synthetic", "appearance", "track", "_cli"}
+ARRAYS_ONLY = {"samplers", "refiners", "geometry"}
+
+
+def unit_of(path: Path) -> str:
+    """The package, or the module at the top, that a file belongs to."""
+    first = path.relative_to(PACKAGE).parts[0]
+    return first.removesuffix(".py")
+
+
+def imported(path: Path) -> list[tuple[int, str]]:
+    """Line and absolute name of everything a file imports, inside functions too, with relative imports resolved."""
+    parts = ("jaxmocap", *path.relative_to(PACKAGE).parts[:-1])
+    names = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names += [(node.lineno, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            parent = parts[: len(parts) - node.level + 1] if node.level else ()
+            base = ".".join([*parent, *([node.module] if node.module else [])])
+            names += [(node.lineno, f"{base}.{alias.name}") for alias in node.names]
+    return names
+
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=[str(path.relative_to(PACKAGE)) for path in FILES])
+def test_imports_go_down_the_rows_and_leave_private_modules_of_others_alone(path):
+    unit = unit_of(path)
+    for line, name in imported(path):
+        parts = name.split(".")
+        if parts[0] != "jaxmocap" or len(parts) < 2 or parts[1] == unit:
+            continue
+        other = parts[1]
+        assert other in RANK, f"{path.name}:{line} imports jaxmocap.{other}, which no row names"
+        if RANK[unit] > 0:
+            assert RANK[other] > RANK[unit], f"{path.name}:{line}: {unit} must not import {other}"
+        private = [part for part in parts[2:-1] if part.startswith("_")]
+        assert not private, f"{path.name}:{line} reaches into {name}; import it from jaxmocap.{other}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=[str(path.relative_to(PACKAGE)) for path in FILES])
+def test_host_libraries_stay_in_host_packages(path):
+    used = {name.split(".")[0] for _, name in imported(path)} & HOST_LIBRARIES
+    assert not used or unit_of(path) in HOST_PACKAGES, f"{path.name} imports {used}"
+
+
+def test_samplers_and_refiners_know_neither_cameras_nor_bodies():
+    for path in FILES:
+        if unit_of(path) in ARRAYS_ONLY:
+            units = {name.split(".")[1] for _, name in imported(path) if name.startswith("jaxmocap.")}
+            assert units <= ARRAYS_ONLY | {"_types", "_results"}, path
+
+
+def test_the_package_imports_nothing_heavy_until_a_name_is_used():
+    code = (
+        "import sys, jaxmocap; heavy = {'jax', 'cv2', 'numpy', 'scipy'} & set(sys.modules); assert not heavy, heavy;"
+        "jaxmocap.prepare(); assert 'jax' not in sys.modules; jaxmocap.Pose; assert 'jax' in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_function_track_is_public_and_its_package_importable_in_either_order():
+    code = "{first}; {second}; assert callable(jaxmocap.track) and jaxmocap.track is track; assert register"
+    one, two = "from jaxmocap.track import track, register", "import jaxmocap; jaxmocap.Tracker"
+    for first, second in ((one, two), (two, one)):
+        subprocess.run([sys.executable, "-c", code.format(first=first, second=second)], check=True)
+
+
+def test_unknown_public_names_are_attribute_errors():
+    import jaxmocap
+
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = jaxmocap.nonsense
+    assert "Capture" in dir(jaxmocap)
+    assert jaxmocap.samplers.RandomSearch is jaxmocap.RandomSearch
