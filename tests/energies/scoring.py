@@ -1,0 +1,74 @@
+"""Scores of poses by every term at once, so that the tests of all terms share two compiled programs."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxmocap.character import Character, Pose
+from jaxmocap.energies import (
+    Base,
+    BodyPart,
+    ModelView,
+    Region,
+    Scores,
+    SearchEnergy,
+    Silhouette,
+    ViewView,
+    body_part,
+    prepare_base,
+    score_particles,
+)
+from jaxmocap.observation import FrameProblem
+
+TERMS = ("model_view", "view_view", "coarse", "colour", "silhouette")
+FRAME = 2  # not a selected one: its background models are warped
+PARTICLES = 144
+CAPACITY = 8192
+
+
+def energy_of(world) -> SearchEnergy:
+    """Eq. 6; Eq. 7 as printed, with every second pixel, and over agreeing pixels only; the silhouettes."""
+    return SearchEnergy(
+        (
+            ModelView(),
+            ViewView(),
+            ViewView(step=2, sampling="nearest"),
+            ViewView(fail="ignore", outside="ignore"),
+            Silhouette(jnp.asarray(world.masks(FRAME), jnp.float32)),
+        )
+    )
+
+
+@eqx.filter_jit
+def score_in(
+    energy: SearchEnergy,
+    character: Character,
+    part: BodyPart,
+    pose: Pose,
+    problem: FrameProblem,
+    corners: Array,
+    size: tuple[int, int],
+    increments: Array,
+) -> tuple[Scores, Base]:
+    region = Region(corners, size)
+    base = prepare_base(energy, character, part, pose, problem, region, CAPACITY)
+    return score_particles(energy, character, part, pose, problem, region, base, increments, CAPACITY), base
+
+
+def score(world, increments, energy: SearchEnergy | None = None) -> dict[str, np.ndarray]:
+    """Terms of increments of the true pose, the whole body drawn anew in the whole rectangle."""
+    increments = np.asarray(increments, np.float32)
+    assert len(increments) <= PARTICLES
+    padded = np.zeros((PARTICLES, 39), np.float32)
+    padded[: len(increments)] = increments
+    character, problem = world.character, world.problem(FRAME)
+    part = body_part(character, character.skeleton.group("root"))
+    energy = energy_of(world) if energy is None else energy
+    corners = jnp.zeros((problem.num_cameras, 2), jnp.int32)
+    scores, _ = score_in(
+        energy, character, part, world.pose(FRAME), problem, corners, problem.size, jnp.asarray(padded)
+    )
+    assert int(scores.needed) <= CAPACITY
+    terms = np.asarray(scores.terms)[: len(increments)]
+    return dict(zip(TERMS, terms.T, strict=True)) | {"total": np.asarray(scores.total)[: len(increments)]}

@@ -1,0 +1,131 @@
+"""Scoring a limb in a small region gives the energy of the whole body in the whole rectangle."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scoring import FRAME, TERMS, energy_of, score, score_in
+
+from jaxmocap.character import retract, skin
+from jaxmocap.energies import Region, body_part
+
+LIMBS = ("l_arm", "r_arm", "l_leg", "r_leg")
+EACH = 36
+
+
+@pytest.fixture(scope="module")
+def increments(world):
+    """(limb, particle, 39): the truth and random moves of that limb's joints."""
+    rng = np.random.default_rng(3)
+    moves = np.zeros((len(LIMBS), EACH, 39), np.float32)
+    for row, name in enumerate(LIMBS):
+        dofs = list(world.character.skeleton.group(name))
+        moves[row, 1:, dofs] = rng.normal(size=(len(dofs), EACH - 1)) * np.deg2rad(10)
+    return moves
+
+
+@pytest.fixture(scope="module")
+def parts(world):
+    """The four limbs padded to one shape."""
+    groups = {name: world.character.skeleton.group(name) for name in LIMBS}
+    plain = [body_part(world.character, dofs) for dofs in groups.values()]
+    faces, vertices = max(p.faces.shape[1] for p in plain), max(p.vertices.shape[0] for p in plain)
+    padded = [body_part(world.character, dofs, faces, vertices) for dofs in groups.values()]
+    return [eqx.tree_at(lambda p: p.dofs, part, jnp.arange(6)) for part in padded]  # scoring does not read them
+
+
+@pytest.fixture(scope="module")
+def regions(world, parts, increments):
+    """Corners (limb, camera, 2) of one size that hold every limb in every particle."""
+    problem, pose, skeleton = world.problem(FRAME), world.pose(FRAME), world.character.skeleton
+    boxes = []
+    for part, moves in zip(parts, increments, strict=True):
+        posed = np.concatenate([part.posed(world.character, retract(skeleton, pose, jnp.asarray(m))) for m in moves])
+        for camera in range(problem.num_cameras):
+            homogeneous = np.c_[posed, np.ones(len(posed))] @ np.asarray(problem.projection[camera]).T
+            pixels = homogeneous[:, :2] / homogeneous[:, 2:] - np.asarray(problem.origins[camera])[::-1]
+            boxes.append(np.concatenate([pixels.min(0)[::-1], pixels.max(0)[::-1]]))
+    boxes = np.array(boxes).reshape(len(LIMBS), -1, 4)
+    size = np.ceil((boxes[..., 2:] - boxes[..., :2]).max((0, 1)) / 8 + 1) * 8
+    corners = np.clip(boxes[..., :2] - 4, 0, np.array(problem.size) - size) // 2 * 2  # even, for every second pixel
+    assert np.all(corners <= np.maximum(boxes[..., :2], 0))
+    assert np.all(corners + size >= np.minimum(boxes[..., 2:], problem.size))
+    assert np.prod(size) < 0.75 * np.prod(problem.size)
+    return corners.astype(np.int32), (int(size[0]), int(size[1]))
+
+
+@pytest.fixture(scope="module")
+def whole(world, increments):
+    terms = score(world, increments.reshape(-1, 39))
+    return {name: values.reshape(len(LIMBS), EACH) for name, values in terms.items()}
+
+
+@pytest.mark.parametrize("limb", range(4), ids=LIMBS)
+def test_a_limb_in_its_region_scores_like_the_whole_body(world, parts, regions, increments, whole, limb):
+    corners, size = regions
+    scores, base = score_in(
+        energy_of(world), world.character, parts[limb], world.pose(FRAME), world.problem(FRAME),
+        jnp.asarray(corners[limb]), size, jnp.asarray(increments[limb]),
+    )  # fmt: skip
+    assert 0 < int(base.needed_far) <= 4096
+    terms = dict(zip(TERMS, np.asarray(scores.terms).T, strict=True))
+    for name in TERMS:
+        gap = np.abs(terms[name] - whole[name][limb])
+        # Compiled apart, the two may round the partner of a pixel to neighbouring pixels: 1 of 4,000 (coarse: 1,000).
+        assert np.mean(gap > 1e-5) < 0.06, name
+        assert gap.max() < (1.1e-3 if name == "coarse" else 3e-4), name
+        assert np.ptp(terms[name]) > 1e-3, name
+
+
+def test_a_region_cuts_what_the_numpy_slice_cuts():
+    values = jnp.arange(20 * 30 * 2).reshape(20, 30, 2)
+    region = Region(jnp.array([[0, 0], [4, 10]]), (8, 16))
+    np.testing.assert_array_equal(region.cut(values, 1), values[4:12, 10:26])
+    np.testing.assert_array_equal(region.cut(values, 1, step=2), values[4:12:2, 10:26:2])
+    padded = jnp.pad(values, ((3, 3), (3, 3), (0, 0)))
+    np.testing.assert_array_equal(region.cut(padded, 1, border=3)[3:-3, 3:-3], values[4:12, 10:26])
+
+
+def test_a_part_holds_the_faces_its_joints_move(world):
+    """Moving the joints moves the part's vertices as it moves the mesh, and no vertex of a face outside it."""
+    character, pose = world.character, world.pose(FRAME)
+    dofs = character.skeleton.group("l_arm")
+    part = body_part(character, dofs)
+    delta = np.zeros(39, np.float32)
+    delta[list(dofs)] = 0.4
+    moved_pose = retract(character.skeleton, pose, jnp.asarray(delta))
+    before, after = np.asarray(skin(character, pose)), np.asarray(skin(character, moved_pose))
+    moved = np.linalg.norm(after - before, axis=1) > 1e-5
+    faces, moves = np.asarray(character.faces), np.asarray(part.moves)
+    assert not moved[faces[~moves]].any()
+    assert moved[faces[moves]].any(1).mean() > 0.99
+    numbers = np.asarray(part.face_numbers)
+    np.testing.assert_array_equal(numbers, np.flatnonzero(moves))
+    posed = np.asarray(part.posed(character, moved_pose))
+    np.testing.assert_allclose(posed[np.asarray(part.faces).T], after[faces[numbers]], atol=1e-5)
+
+
+def test_a_root_joint_moves_every_face(world):
+    assert np.asarray(body_part(world.character, (4,)).moves).all()
+
+
+def test_padding_adds_faces_without_area(world):
+    plain = body_part(world.character, world.character.skeleton.group("r_arm"))
+    count = plain.faces.shape[1]
+    padded = body_part(
+        world.character, world.character.skeleton.group("r_arm"), count + 10, plain.vertices.shape[0] + 5
+    )
+    assert padded.faces.shape[1] == count + 10
+    assert padded.vertices.shape[0] == plain.vertices.shape[0] + 5
+    np.testing.assert_array_equal(padded.faces[:, count:], 0)
+    np.testing.assert_array_equal(padded.faces[:, :count], plain.faces)
+
+
+def test_a_part_without_faces_is_refused(world):
+    still = eqx.tree_at(
+        lambda c: c.weights,
+        world.character,
+        jnp.asarray(np.eye(18, dtype=np.float32)[[0]].repeat(world.character.vertices.shape[0], 0)),
+    )
+    with pytest.raises(ValueError, match="no face of the mesh depends on the DoFs \\['l_elbow_flex'\\]"):
+        body_part(still, (world.character.skeleton.dof_names.index("l_elbow_flex"),))
