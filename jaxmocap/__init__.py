@@ -5,15 +5,15 @@
     jm.prepare()                                                   # before JAX starts: compiled programs are kept
     import jax
 
-    key        = jax.random.key(0)
-    capture    = jm.Capture.open("plaza")
-    cameras    = capture.cameras
-    character  = jm.Character.load(capture.actor)
-    registered = jm.register(capture, cameras, character, key=key)
-    key_poses  = {frame: found.pose for frame, found in registered.items()}
-    appearance = jm.fit_capture_appearance(capture, cameras, character, key_poses, key=key)
-    problems   = jm.observe(capture, cameras, character, appearance, key_poses)
-    motion     = jm.track(problems, registered[0], jm.Tracker.preset("normal"), key=key)
+    key          = jax.random.key(0)
+    capture      = jm.Capture.open("plaza")
+    cameras      = capture.cameras
+    character    = jm.Character.load(capture.actor)
+    registered   = jm.register(capture, cameras, character, key=key)
+    key_poses    = {frame: found.pose for frame, found in registered.items()}
+    appearance   = jm.fit_capture_appearance(capture, cameras, character, key_poses, key=key)
+    observations = jm.observe(capture, cameras, character, appearance, key_poses)
+    motion       = jm.track(observations, tracker=jm.Tracker.preset("normal"), key=key)
     motion.save("result")
 
 What is public here is what a user of the pipeline names, in the order of the pipeline; `_public.py` is the list. A part

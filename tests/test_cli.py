@@ -1,4 +1,4 @@
-"""The command line: exit codes, one sentence per mistake, JSON alone on standard output, and one run from end to end."""
+"""The command line: exit codes, one sentence per mistake, JSON alone on standard output, and whole runs."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_capture, write_capture
 
 COMMAND = [sys.executable, "-m", "jaxmocap"]
-SIZE = (192, 108)
+SIZE = (320, 180)
 
 
 @pytest.fixture(scope="module")

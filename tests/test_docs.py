@@ -15,21 +15,28 @@ from jaxmocap.character._dof_table import joint_dofs
 from jaxmocap.energies import Region, SearchEnergy, body_part, prepare_base, score_particles
 from jaxmocap.motion import Motion
 from jaxmocap.observation import build_problem, place_rectangle, projected_box, surface_of
-from jaxmocap.synthetic import SyntheticCapture, make_capture
+from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
 
 ROOT = Path(__file__).parents[1]
 
 
-def code_of(file: str, comment: str) -> str:
-    """The Python block that begins with a comment."""
+def code_of(file: str, first_line: str) -> str:
+    """The Python block that begins with this line."""
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / file).read_text(), re.DOTALL)
-    return next(block for block in blocks if block.startswith(f"# {comment}"))
+    return next(block for block in blocks if block.startswith(first_line))
+
+
+def quick_start(capture: str) -> str:
+    """The README's program in Python, on another capture."""
+    block = code_of("README.md", "import jaxmocap").replace('"plaza"', repr(capture))
+    assert "jm.track(" in block
+    return block
 
 
 def run_block(path: str) -> dict:
     """What the block of CONTRIBUTING.md for this file defines, run as if it were that file."""
     names = {"__name__": path.removesuffix(".py").replace("/", ".")}
-    exec(compile(code_of("CONTRIBUTING.md", path), path, "exec"), names)
+    exec(compile(code_of("CONTRIBUTING.md", f"# {path}"), path, "exec"), names)
     return names
 
 
@@ -41,6 +48,28 @@ def shown() -> SyntheticCapture:
 @pytest.fixture(scope="module")
 def motion(shown) -> Motion:
     return Motion.from_poses(shown.character, shown.poses, [0, 1, 2], shown.timestamps)
+
+
+@pytest.mark.slow
+def test_the_quick_start_of_the_readme_tracks(tmp_path, monkeypatch):
+    folder = write_capture(make_capture(3, (320, 180)), tmp_path / "capture")
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(compile(quick_start(str(folder)), "README.md", "exec"), names)
+    assert len(names["motion"]) == 3
+    assert Motion.load("result").frames.tolist() == [0, 1, 2]
+
+
+def test_the_tracker_with_an_added_energy_in_contributing_has_three_terms():
+    names = run_block("jaxmocap/energies/_unexplained.py")
+    exec(compile(code_of("CONTRIBUTING.md", "from dataclasses"), "CONTRIBUTING.md", "exec"), names)
+    assert [term.name for term in names["tracker"].search_energy.terms][-1] == "unexplained"
+
+
+def test_the_commands_of_the_readme_are_those_of_the_checks():
+    commands = re.findall(r"^python3 -m venv .*$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert len(commands) == 2
+    assert commands[1] in (ROOT / ".ci" / "run").read_text()
 
 
 def test_the_energy_of_contributing_is_lowest_where_the_person_is(shown):

@@ -17,7 +17,7 @@ def say(message: str) -> None:
 
 
 def show(value: Any, as_text: Callable[[], Any], *, json_wanted: bool) -> None:
-    """The answer of a command on standard output: `value` as JSON and nothing else, or `as_text()` as rich prints it."""
+    """A command's answer on standard output: `value` as JSON and nothing else, or `as_text()` as rich prints it."""
     if json_wanted:
         from jaxmocap.motion import json_text
 
