@@ -20,6 +20,7 @@ from jaxmocap.track import (
     Quality,
     Registration,
     Tracker,
+    appearance_preset,
     key_poses_of,
     motion_of,
     observe,
@@ -112,7 +113,8 @@ def track_capture(
             tell("register", number + 1, len(selected))
         tell("appearance", 0, 1)
         appearance = fit_capture_appearance(
-            capture, cameras, character, key_poses_of(registrations), key=jax.random.fold_in(key, 2)
+            capture, cameras, character, key_poses_of(registrations), key=jax.random.fold_in(key, 2),
+            settings=appearance_preset(quality),
         )  # fmt: skip
         observations = observe(capture, cameras, character, appearance, registrations)
         tell("appearance", 1, 1)

@@ -9,6 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 from scipy.ndimage import binary_erosion
+from scipy.sparse.csgraph import dijkstra
+
+from jaxmocap.geometry import face_adjacency
 
 from ._colour_model import ColourModel, ColourSettings
 from ._fit_colours import fit_colour_models
@@ -19,12 +22,16 @@ class ForegroundSettings(eqx.Module):
 
     - `per_camera`: `"camera_then_pooled"`: a camera's own model where it has enough pixels, else that of all cameras;
       `"camera"`: nothing else; `"pooled"`: one model for all cameras.
+    - `unseen`: `"none"`: a triangle that no selected frame shows has no model and psi_f = tau (the paper); `"nearest"`: it
+      takes the model of the nearest triangle over the surface that has one, so that a limb which turns its unseen side
+      keeps being worth covering.
     - `pool_ring`: 1 lets a triangle with fewer than `pool_below` pixels borrow those of the triangles it shares an edge
       with; 0 does not.
     - `min_pixels`: pixels a model needs, borrowed ones included. A triangle that was never seen gets none.
     - `min_facing`: smallest cosine between normal and view direction. `erosion`: pixels cut off the silhouette.
     """
 
+    unseen: Literal["none", "nearest"] = eqx.field(static=True, default="none")
     per_camera: Literal["camera_then_pooled", "camera", "pooled"] = eqx.field(static=True, default="camera_then_pooled")
     pool_ring: Literal[0, 1] = eqx.field(static=True, default=1)
     pool_below: int = eqx.field(static=True, default=40)
@@ -37,7 +44,7 @@ class ForegroundModel(eqx.Module):
     """Colour models of the mesh triangles per camera.
 
     `pixel_counts` are the pixels each camera saw of a triangle itself. `source` tells where a model came from: 0 there
-    is none (psi_f = tau), 1 the camera, 2 all cameras together.
+    is none (psi_f = tau), 1 the camera, 2 all cameras together, 3 the nearest triangle that was seen.
     """
 
     colours: ColourModel
@@ -64,6 +71,17 @@ def face_neighbours(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, "face 3
     first, second = order[:-1][same], order[1:][same]
     across[first], across[second] = owner[second], owner[first]
     return across.reshape(3, -1).T
+
+
+def nearest_known(faces: Int[np.ndarray, "face 3"], known: Bool[np.ndarray, " face"]) -> Int[np.ndarray, " face"]:
+    """For every triangle the nearest known one, in steps over shared edges; itself where none can be reached."""
+    if not known.any():
+        return np.arange(len(faces))
+    _, _, origin = dijkstra(
+        face_adjacency(np.asarray(faces)), indices=np.flatnonzero(known), min_only=True, unweighted=True,
+        return_predecessors=True,
+    )  # fmt: skip
+    return np.where(origin >= 0, origin, np.arange(len(faces)))
 
 
 def usable_pixels(
@@ -138,7 +156,13 @@ def fit_foreground(
     )
     own = np.asarray(everything.valid).reshape(num_cameras + 1, num_faces)
     source = np.where(own[:-1], 1, np.where(own[-1:], 2, 0))
-    row = np.where(source == 1, np.arange(num_cameras)[:, None], num_cameras) * num_faces + np.arange(num_faces)
+    face = np.broadcast_to(np.arange(num_faces), source.shape).copy()
+    if settings.unseen == "nearest":
+        for camera in range(num_cameras):
+            face[camera] = nearest_known(faces, source[camera] > 0)
+        source = np.where(source == 0, 3 * (source[np.arange(num_cameras)[:, None], face] > 0), source)
+    from_camera = np.take_along_axis(own[:-1], face, axis=1)
+    row = np.where(from_camera, np.arange(num_cameras)[:, None], num_cameras) * num_faces + face
     colours = jax.tree.map(lambda leaf: leaf[row], everything)
     return ForegroundModel(colours, jnp.asarray(counts), jnp.asarray(source))
 

@@ -47,7 +47,7 @@ _CLAVICLE = (
 _ARM = (
     Dof("shoulder_flex", "arm", "shoulder", "upper_arm", RIGHT, -60, 180, "hanging arm forward"),
     Dof("shoulder_abd", "arm", "shoulder", "upper_arm", FORWARD, -110, 90, "raise"),
-    Dof("shoulder_axial", "arm", "shoulder", "upper_arm", LEFT, -90, 80, "internal rotation"),
+    Dof("shoulder_axial", "arm", "shoulder", "upper_arm", LEFT, -150, 140, "internal rotation"),
     Dof("elbow_flex", "arm", "elbow", "forearm", DOWN, -5, 150, "flex"),
     Dof("forearm_pron", "arm", "wrist", "hand", LEFT, -90, 80, "pronate"),
 )

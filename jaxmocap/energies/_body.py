@@ -73,10 +73,10 @@ class Region(NamedTuple):
     size: tuple[int, int]
 
     def cut(self, values: Array, camera: int, step: int = 1, border: int = 0) -> Array:
-        """The region of a (height, width, ...) array of one view, every `step`-th pixel; `border` skips a key buffer's border."""
-        corner = (self.corners[camera, 0] + border, self.corners[camera, 1] + border)
-        start = corner + (0,) * (values.ndim - 2)
-        window = lax.dynamic_slice(values, start, self.size + values.shape[2:])
+        """The region of a (height, width, ...) array of one view, every `step`-th pixel; with `border` more around it."""
+        corner = (self.corners[camera, 0], self.corners[camera, 1])
+        size = (self.size[0] + 2 * border, self.size[1] + 2 * border)
+        window = lax.dynamic_slice(values, corner + (0,) * (values.ndim - 2), size + values.shape[2:])
         return window[::step, ::step]
 
 
@@ -106,13 +106,19 @@ def base_buffers(
 
 
 def part_jobs(
-    part: BodyPart, vertices: Float[Array, "part_vertex 3"], problem: FrameProblem, camera: int, capacity: int
+    part: BodyPart,
+    vertices: Float[Array, "part_vertex 3"],
+    problem: FrameProblem,
+    camera: int,
+    region: Region,
+    capacity: int,
 ) -> tuple[Jobs, Float[Array, "3 part_vertex"]]:
-    """Windows of the part in one view, and its vertices on the screen."""
-    height, width = problem.size
+    """Windows of the part in one view's region, and its vertices on the screen."""
     screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
+    corner = region.corners[camera]
+    depths = problem.depth_range[camera]
     jobs = window_jobs(
-        screen, part.faces, part.face_numbers, None, height, width, problem.depth_range[camera], part.layout, capacity
+        screen, part.faces, part.face_numbers, None, *region.size, depths, part.layout, capacity, corner
     )  # fmt: skip
     return jobs, screen
 

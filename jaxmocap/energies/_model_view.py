@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmocap._types import knob
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import WINDOW, KeyLayout, crop
+from jaxmocap.render import KeyLayout, crop
 
 from ._body import Region, region_mask
 
@@ -86,7 +86,7 @@ class ModelView(eqx.Module):
         """Sum over views of the mean pixel cost. `outside (camera,)`: mesh pixels beyond the region."""
         total = jnp.zeros(())
         for camera in range(problem.num_cameras):
-            keys = region.cut(buffers[camera], camera, border=WINDOW)
+            keys = crop(buffers[camera])
             ids = keys & layout.id_mask
             covered = ids != layout.id_mask
             foreground = self._foreground(problem, camera, jnp.where(covered, ids, 0), prepared.labels[camera])

@@ -1,16 +1,18 @@
 """Eq. 5 and its relatives: a weighted sum of terms, scored for a whole generation of particles in one compiled call."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxmocap.character import Character, Pose, retract
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import draw, restore
+from jaxmocap.render import WINDOW, draw
 
 from ._body import BodyPart, Region, base_buffers, part_jobs, pixels_outside
 from ._model_view import ModelView
@@ -50,9 +52,12 @@ class SearchEnergy(eqx.Module):
         return SearchEnergy(tuple(changed))
 
 
-def search_energy(model_view: float = 1.0, view_view: float = 0.3, **view_view_options: Any) -> SearchEnergy:
-    """Eq. 5: E_opt = sum_m E_mv + lambda sum_{m,n} E_vv with lambda = 0.3."""
-    return SearchEnergy((ModelView(weight=model_view), ViewView(weight=view_view, **view_view_options)))
+def search_energy(
+    model_view: float = 1.0, view_view: float = 0.3, *, uncovered_scale: float = 1.0, **view_view_options: Any
+) -> SearchEnergy:
+    """Eq. 5: E_opt = sum_m E_mv + lambda sum_{m,n} E_vv with lambda = 0.3; without arguments the paper's."""
+    covered_or_not = ModelView(weight=model_view, uncovered_scale=uncovered_scale)
+    return SearchEnergy((covered_or_not, ViewView(weight=view_view, **view_view_options)))
 
 
 class Scores(NamedTuple):
@@ -64,9 +69,10 @@ class Scores(NamedTuple):
 
 
 class Base(NamedTuple):
-    """Everything the particles of one group and frame share."""
+    """Everything the particles of one group and frame share: the region's part of the base key buffers with its border,
+    and what the terms prepared."""
 
-    buffers: Int[Array, "camera padded_height padded_width"]
+    buffers: Int[Array, "camera padded_region_height padded_region_width"]
     prepared: tuple[Any, ...]
     needed: Int[Array, ""]
     needed_far: Int[Array, ""]
@@ -82,7 +88,8 @@ def prepare_base(
     for term, ready in zip(energy.terms, prepared, strict=True):
         if isinstance(term, ViewView):
             far = jnp.maximum(far, term.needed(ready))
-    return Base(buffers, prepared, needed, far)
+    cut = jnp.stack([region.cut(buffers[c], c, border=WINDOW) for c in range(problem.num_cameras)])
+    return Base(cut, prepared, needed, far)
 
 
 def score_particles(
@@ -96,27 +103,50 @@ def score_particles(
     increments: Float[Array, "particle dof"],
     capacity: int,
 ) -> Scores:
-    """Eq. 5 for every increment of `pose`. Particles run one after the other over one key buffer, which is put back after
-    each: on a CPU this is far faster than `vmap`."""
-    layout = part.layout
-    vertices = jax.vmap(lambda delta: part.posed(character, retract(character.skeleton, pose, delta)))(increments)
+    """Eq. 5 for every increment of `pose`. Particles run one after the other over copies of a small key buffer: on a CPU
+    this is far faster than `vmap`. With several devices the particles are shared out among them, with the same bits."""
+    dynamic, static = eqx.partition((energy, character, part, pose, problem, region, base), eqx.is_array)
 
-    def one(buffers: Array, posed: Array) -> tuple[Array, tuple[Array, Array]]:
-        drawn, all_jobs, outside = [], [], []
-        for camera in range(problem.num_cameras):
-            jobs, screen = part_jobs(part, posed, problem, camera, capacity)
-            outside.append(pixels_outside(screen, part.faces, region.corners[camera], region.size))
-            drawn.append(draw(buffers[camera], jobs, layout))
-            all_jobs.append(jobs)
-        drawn_buffers = tuple(drawn)
-        values = [
-            term.score(ready, drawn_buffers, jnp.stack(outside), region, problem, layout)
-            for term, ready in zip(energy.terms, base.prepared, strict=True)
-        ]
-        clean = tuple(restore(drawn[c], base.buffers[c], all_jobs[c]) for c in range(problem.num_cameras))
-        return clean, (jnp.stack(values), jnp.stack([jobs.needed for jobs in all_jobs]).max())
+    def generation(arrays: Any, rows: Array) -> tuple[Array, Array]:
+        return _score_in_turn(*eqx.combine(arrays, static), rows, capacity)
 
-    start = tuple(base.buffers[c] for c in range(problem.num_cameras))
-    _, (terms, needed) = lax.scan(one, start, vertices)
+    terms, needed = _share_out(generation, dynamic, increments)
     weights = jnp.stack([term.weight for term in energy.terms])
     return Scores(terms @ weights, terms, needed.max())
+
+
+def _score_in_turn(energy, character, part, pose, problem, region, base, increments, capacity) -> tuple[Array, Array]:
+    """Terms (particle, term) and the windows needed (particle,), one particle after the other."""
+    layout = part.layout
+
+    def one(posed: Array) -> tuple[Array, Array]:
+        drawn, outside, needed = [], [], []
+        for camera in range(problem.num_cameras):
+            jobs, screen = part_jobs(part, posed, problem, camera, region, capacity)
+            outside.append(pixels_outside(screen, part.faces, region.corners[camera], region.size))
+            drawn.append(draw(base.buffers[camera], jobs, layout))
+            needed.append(jobs.needed)
+        values = [
+            term.score(ready, tuple(drawn), jnp.stack(outside), region, problem, layout)
+            for term, ready in zip(energy.terms, base.prepared, strict=True)
+        ]
+        return jnp.stack(values), jnp.stack(needed).max()
+
+    posed = jax.vmap(lambda delta: part.posed(character, retract(character.skeleton, pose, delta)))(increments)
+    return lax.map(one, posed)
+
+
+def _share_out(
+    score: Callable[[Any, Array], tuple[Array, Array]], arrays: Any, rows: Float[Array, "particle dof"]
+) -> tuple[Array, Array]:
+    """Split the particles over the local devices of a CPU; every particle is computed as it would be alone."""
+    devices = jax.local_devices()
+    count = len(devices)
+    if count == 1 or rows.shape[0] < 2 * count or devices[0].platform != "cpu":
+        return score(arrays, rows)
+    padded = jnp.pad(rows, ((0, -rows.shape[0] % count), (0, 0)), mode="edge")
+    mesh = jax.sharding.Mesh(np.array(devices), ("particle",))
+    every, split = jax.sharding.PartitionSpec(), jax.sharding.PartitionSpec("particle")
+    shared = jax.shard_map(score, mesh=mesh, in_specs=(every, split), out_specs=split, check_vma=False)
+    terms, needed = shared(arrays, padded)
+    return terms[: rows.shape[0]], needed

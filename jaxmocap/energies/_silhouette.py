@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from jaxmocap._types import knob
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import WINDOW, KeyLayout, crop
+from jaxmocap.render import KeyLayout, crop
 
 from ._body import Region, region_mask
 
@@ -54,7 +54,7 @@ class Silhouette(eqx.Module):
         """Mean over the views of 0.5 (XOR / model area + XOR / mask area)."""
         total = jnp.zeros(())
         for camera in range(problem.num_cameras):
-            covered = region.cut(buffers[camera], camera, border=WINDOW) & layout.id_mask != layout.id_mask
+            covered = crop(buffers[camera]) & layout.id_mask != layout.id_mask
             wrong = (covered != (prepared.mask[camera] > 0.5)).sum() + prepared.elsewhere_wrong[camera] + outside[camera]
             model = covered.sum() + prepared.elsewhere_model[camera] + outside[camera]
             total += 0.5 * (wrong / jnp.maximum(model, 1.0) + wrong / jnp.maximum(prepared.mask_area[camera], 1.0))

@@ -49,6 +49,18 @@ def _channels(packed: Array) -> tuple[Array, Array, Array]:
     return (packed >> 16).astype(jnp.float32), ((packed >> 8) & 255).astype(jnp.float32), (packed & 255).astype(jnp.float32)
 
 
+def _in_region(row: Array, column: Array, region: Region, camera: int) -> Array:
+    top, left = region.corners[camera, 0], region.corners[camera, 1]
+    return (row >= top) & (row < top + region.size[0]) & (column >= left) & (column < left + region.size[1])
+
+
+def _region_index(row: Array, column: Array, region: Region, camera: int) -> Array:
+    """Flat index into the region's bordered key buffer; clipped to it."""
+    local_row = jnp.clip(row - region.corners[camera, 0], 0, region.size[0] - 1) + WINDOW
+    local_column = jnp.clip(column - region.corners[camera, 1], 0, region.size[1] - 1) + WINDOW
+    return local_row * (region.size[1] + 2 * WINDOW) + local_column
+
+
 class _Far(NamedTuple):
     """Body pixels of view m outside the region whose partner in view n falls inside n's region: their test depends on the
     particle, everything else about them does not."""
@@ -64,6 +76,7 @@ class _Far(NamedTuple):
 
 class _Prepared(NamedTuple):
     packed: Int[Array, "camera pixel"]
+    base: Int[Array, "camera pixel"]
     own: tuple[Array, ...]
     far: tuple[_Far, ...]
 
@@ -149,7 +162,7 @@ class ViewView(eqx.Module):
         fixed = here & ~there
         pick, _, needed = expand(there.reshape(-1).astype(jnp.int32), self.capacity)
         live = jnp.arange(self.capacity) < needed
-        target = (row + WINDOW) * (width + 2 * WINDOW) + column + WINDOW
+        target = _region_index(row, column, region, n)
         return _Far(
             target.reshape(-1)[pick],
             jnp.maximum(ids, 0).reshape(-1)[pick],
@@ -166,7 +179,8 @@ class ViewView(eqx.Module):
         shaped = packed.reshape(problem.image.shape[:3])
         own = tuple(region.cut(shaped[c], c, step=self.step) for c in range(problem.num_cameras))
         pairs = ordered_pairs(problem.num_cameras)
-        return _Prepared(packed, own, tuple(self._far(base, region, m, n, packed, problem, layout) for m, n in pairs))
+        flat = crop(base).reshape(problem.num_cameras, -1)
+        return _Prepared(packed, flat, own, tuple(self._far(base, region, m, n, packed, problem, layout) for m, n in pairs))
 
     def needed(self, prepared: _Prepared) -> Array:
         """Largest number of far pixels, to be compared with `capacity`."""
@@ -182,14 +196,18 @@ class ViewView(eqx.Module):
         rows = jnp.arange(0, region.size[0], self.step, dtype=jnp.float32)[:, None]
         columns = jnp.arange(0, region.size[1], self.step, dtype=jnp.float32)[None, :]
         for (m, n), far in zip(ordered_pairs(problem.num_cameras), prepared.far, strict=True):
-            keys = region.cut(buffers[m], m, step=self.step, border=WINDOW)
+            keys = crop(buffers[m])[:: self.step, :: self.step]
             ids = keys & layout.id_mask
             covered = ids != layout.id_mask
             corner = region.corners[m].astype(jnp.float32)
             x, y, inside = self._partner(keys, rows + corner[0], columns + corner[1], m, n, problem, layout)
-            target = (jnp.round(y).astype(jnp.int32) + WINDOW) * (width + 2 * WINDOW) + jnp.round(x).astype(jnp.int32) + WINDOW
+            column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
             flat = buffers[n].reshape(-1)
-            other = flat[target] & layout.id_mask
+            drawn = flat[_region_index(row, column, region, n)]
+            if region.size != problem.size:
+                elsewhere = prepared.base[n][row * width + column]
+                drawn = jnp.where(_in_region(row, column, region, n), drawn, elsewhere)
+            other = drawn & layout.id_mask
             first, second = jnp.where(covered, ids, 0), jnp.where(other != layout.id_mask, other, 0)
             near = inside & (other != layout.id_mask) & are_near(near_faces, first, second)
             colour = self._colour_cost(prepared.own[m], prepared.packed[n], x, y, width, height)

@@ -1,4 +1,8 @@
-from ._edges import image_edges as image_edges, mask_edges as mask_edges
+from ._edges import (
+    background_edges as background_edges,
+    image_edges as image_edges,
+    mask_edges as mask_edges,
+)
 from ._features import (
     FeatureSettings as FeatureSettings,
     FrameFeatures as FrameFeatures,

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,7 +23,7 @@ from jaxmocap.character import Character, Pose, skin
 from jaxmocap.geometry import faces_within, pack_rows
 from jaxmocap.render import face_ids, inverse_depth_range
 
-from ._edges import image_edges
+from ._edges import background_edges, image_edges
 from ._features import FeatureSettings, FrameFeatures, frame_features, match_background
 from ._problem import Edges, FrameProblem, Surface
 from ._rectangle import Rectangle
@@ -194,9 +194,15 @@ class Observations:
         return warp
 
     def problem(
-        self, shown: FrameImages, rectangle: Rectangle, pose: Pose, warps: list[list[tuple[int, GridWarp]]] | None = None
+        self,
+        shown: FrameImages,
+        rectangle: Rectangle,
+        pose: Pose,
+        edges: Literal["canny", "background"] = "canny",
+        warps: list[list[tuple[int, GridWarp]]] | None = None,
     ) -> FrameProblem:
-        """The problem of one frame, `pose` being the prediction. `warps` are those of `background_warps`."""
+        """The problem of one frame, `pose` being the prediction. `edges` says where contours look for their edge: in the
+        Canny picture (the paper) or at the outline of what is not background. `warps` are those of `background_warps`."""
         vertices = np.asarray(skin(self.character, pose))
         warps = self.background_warps(shown, pose) if warps is None else warps
         labels, background = [], []
@@ -217,7 +223,10 @@ class Observations:
                 )
             labels.append(label)
             background.append(np.min(distances, axis=0))
-        return build_problem(shown.images, rectangle, self.cameras, shown.frame, vertices, self.surface, labels, background)
+        outlines = [background_edges(distance) for distance in background] if edges == "background" else None
+        return build_problem(
+            shown.images, rectangle, self.cameras, shown.frame, vertices, self.surface, labels, background, outlines
+        )  # fmt: skip
 
     def background_warps(self, shown: FrameImages, pose: Pose) -> list[list[tuple[int, GridWarp]]]:
         """Per camera, the selected frames that serve this frame and their grids carried to it."""

@@ -29,4 +29,5 @@ from ._tracker import (
     RefineWeights as RefineWeights,
     SearchPlan as SearchPlan,
     Tracker as Tracker,
+    appearance_preset as appearance_preset,
 )

@@ -27,6 +27,10 @@ from ._surface_flow import Source, surface_flow
 from ._tracker import RefinePlan, Tracker, sigma_floor
 
 
+FLOW_ROBUST = (0.08, 0.03)
+"""Geman-McClure scales of the flow start's rounds, metres."""
+
+
 @dataclass
 class FrameResult:
     """What was found in one frame: the pose, the energies of Eq. 5 by term, how far it may be trusted, the deviation of the
@@ -129,14 +133,14 @@ class FrameTracker:
             plain = self._plain_problem(shown, rectangle, pose)
             speed = np.zeros(len(shown.images))
             base = pose
-            for round_index in range(2):
+            for round_index, robust in enumerate(FLOW_ROBUST):
                 vertices, ids, _ = draw(self.character, pose, plain)
                 crops = [rectangle.crop(image, c) for c, image in enumerate(shown.images)]
                 flows = surface_flow(self.character, vertices, ids, crops, plain, sources, self.tracker.flow)
                 prior = free_prior(self.character, base, jnp.concatenate([jnp.full(6, 0.1), jnp.full(33, 0.5)]))
                 delta, _ = descend(
                     self.character, base, difference(self.character.skeleton, base, pose),
-                    tuple(Rows(lines, 0.02, 0.03) for lines in flows), (), prior, Shooting(), steps=2,
+                    tuple(Rows(lines, 0.02, robust) for lines in flows), (), prior, Shooting(), steps=2,
                 )  # fmt: skip
                 pose = retract(self.character.skeleton, base, delta)
                 if round_index == 0:
@@ -204,19 +208,20 @@ class FrameTracker:
             prior = self._motion_prior(base, plan)
             hessian = None
             crops = [rectangle.crop(image, c) for c, image in enumerate(shown.images)]
-            for _ in range(plan.rounds):
+            for round_index in range(plan.rounds):
+                widen = max(1.0, plan.robust_start / 2.0**round_index)
                 vertices, ids, inverse = draw(self.character, pose, problem)
                 lines = contour_lines(vertices, self.character.faces, ids, inverse, problem, plan.contours)
                 weights = plan.weights
-                rows = [Rows(lines, weights.residual_scale / jnp.sqrt(jnp.maximum(weights.contour, 1e-9)), weights.robust)]
+                rows = [Rows(lines, weights.residual_scale / jnp.sqrt(jnp.maximum(weights.contour, 1e-9)), widen * weights.robust)]
                 if plan.surface_flow:
-                    rows += self._surface_rows(vertices, ids, crops, shown.frame, problem, plan)
+                    rows += self._surface_rows(vertices, ids, crops, shown.frame, problem, plan, widen)
                 delta = difference(self.character.skeleton, base, pose)
                 delta, hessian = descend(self.character, base, delta, tuple(rows), (), prior, plan.refiner, steps=plan.steps)
                 pose = retract(self.character.skeleton, base, delta)
         return pose, np.asarray(hessian) if hessian is not None else None
 
-    def _surface_rows(self, vertices, ids, crops, frame: int, problem: FrameProblem, plan: RefinePlan) -> list[Rows]:
+    def _surface_rows(self, vertices, ids, crops, frame: int, problem: FrameProblem, plan: RefinePlan, widen: float) -> list[Rows]:
         cameras = range(problem.num_cameras)
         sources = self._selected_sources(frame)
         origins = np.asarray(problem.origins)
@@ -230,7 +235,7 @@ class FrameTracker:
             ]  # fmt: skip
         flows = surface_flow(self.character, vertices, ids, crops, problem, sources, plan.flow)
         scale = plan.weights.residual_scale / jnp.sqrt(jnp.maximum(plan.weights.surface, 1e-9))
-        return [Rows(lines, scale, plan.weights.robust) for lines in flows]
+        return [Rows(lines, scale, widen * plan.weights.robust) for lines in flows]
 
     @staticmethod
     def _padded(crop: np.ndarray, origin: np.ndarray) -> np.ndarray:
@@ -284,7 +289,8 @@ class FrameTracker:
         with clock.stage("background"):
             vertices = np.asarray(skin(self.character, pose))
             self.rectangle = frame_rectangle(vertices, self.cameras, shown.frame, self.rectangle, speed)
-            return self.observations.problem(shown, self.rectangle, pose), self.rectangle
+            edges = self.tracker.refine.edges if self.tracker.refine is not None else "canny"
+            return self.observations.problem(shown, self.rectangle, pose, edges), self.rectangle
 
     def _finish(self, shown: FrameImages, problem: FrameProblem, pose: Pose, deviation, hessian, clock: Clock) -> FrameResult:
         with clock.stage("score"):

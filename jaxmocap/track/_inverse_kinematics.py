@@ -21,7 +21,7 @@ BODY_25 = {
 }  # fmt: skip
 """Which landmarks, averaged, an OpenPose BODY_25 point is."""
 
-LOOSE = {0: 0.3, 1: 0.3, 8: 0.3, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3}
+LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3}
 """Points whose definition differs between a detector and a skeleton count less."""
 
 
@@ -94,7 +94,7 @@ def inverse_kinematics(
     view: View,
     keypoints: list[Float[np.ndarray, "25 3"] | None],
     refiner: AbstractRefiner,
-    starts: int = 24,
+    starts: int = 48,
     where: str = "",
 ) -> tuple[Pose, float]:
     """Pose whose landmarks lie on the keypoints' rays, joint limits kept: the paper's "rough registered skeleton".
@@ -121,7 +121,7 @@ def inverse_kinematics(
     best: tuple[float, Pose] | None = None
     per_base = max(2, starts // len(bases))
     for base in bases:
-        shares = generator.uniform(0.1, 0.6, (per_base, 33)) * generator.integers(0, 2, (per_base, 33))
+        shares = generator.uniform(0.05, 0.5, (per_base, 33)) * generator.integers(0, 2, (per_base, 33))
         shares[0] = 0
         side = np.where(generator.random((per_base, 33)) < 0.7, np.asarray(skeleton.upper), np.asarray(skeleton.lower))
         start = jnp.concatenate([jnp.zeros((per_base, 6)), jnp.asarray(shares * side, jnp.float32)], -1)
@@ -144,7 +144,7 @@ def _solve_starts(
     far = jnp.full(6, 20.0)
     lower = jnp.concatenate([-far, skeleton.lower - base.angles])
     upper = jnp.concatenate([far, skeleton.upper - base.angles])
-    weight = jnp.concatenate([jnp.full(6, 1e-4), jnp.full(33, 0.02)])
+    weight = jnp.concatenate([jnp.full(6, 1e-4), jnp.full(33, 0.05)])
 
     def one(start: Array) -> tuple[Array, Array]:
         problem = RefineProblem(

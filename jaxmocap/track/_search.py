@@ -116,10 +116,11 @@ def _search(stages, sampler, character, part, pose, problem, corners, size, capa
     start = jnp.zeros(part.dofs.shape[0])
     best, info = run(sampler, energies, start, spread[part.dofs], lower[part.dofs], upper[part.dofs], key)
     increment = jnp.zeros(39).at[part.dofs].set(best)
+    whole = Region(corners, size)
     needed = []
     for delta in (jnp.zeros(39), increment):
         vertices = part.posed(character, retract(character.skeleton, pose, delta))
-        needed += [part_jobs(part, vertices, problem, c, capacity)[0].needed for c in range(problem.num_cameras)]
+        needed += [part_jobs(part, vertices, problem, c, whole, capacity)[0].needed for c in range(problem.num_cameras)]
     return GroupResult(
         increment=increment,
         deviation=jnp.zeros(39).at[part.dofs].set(info.deviation),
@@ -197,6 +198,7 @@ class GroupSearch:
                 sized, sampler, character, self.part, pose, problem, corners, sizes.region, sizes.capacity,
                 sizes.base_capacity, jnp.asarray(spread, jnp.float32), lower, upper, key,
             )  # fmt: skip
+            result = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)), result)
             needed, needed_base, needed_far = int(result.needed), int(result.needed_base), int(result.needed_far)
             if 1.1 * needed <= sizes.capacity and needed_base <= sizes.base_capacity and needed_far <= sizes.far_capacity:
                 return result

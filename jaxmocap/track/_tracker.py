@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
 from jaxmocap._types import knob
+from jaxmocap.appearance import AppearanceSettings, ForegroundSettings
 from jaxmocap.energies import ContourSettings, SearchEnergy, search_energy
 from jaxmocap.refiners import AbstractRefiner, LeastSquares
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
@@ -56,12 +57,16 @@ class RefineWeights(eqx.Module):
 
 @dataclass(frozen=True)
 class RefinePlan:
-    """The local refinement: `rounds` of association and solving; `surface_flow` adds to the paper's contour rows the
+    """The local refinement: `rounds` of association and solving; `robust_start` widens the robust scale of the first
+    round, halved every round; `edges` is where contours look for their edge, the
+    Canny picture (the paper) or the outline of what is not background; `surface_flow` adds to the paper's contour rows the
     correspondences carried over the surface from the selected frames and the other views."""
 
     rounds: int = 6
     steps: int = 2
+    robust_start: float = 1.0
     contours: ContourSettings = field(default_factory=ContourSettings)
+    edges: Literal["canny", "background"] = "canny"
     surface_flow: bool = False
     flow: FlowSettings = field(default_factory=FlowSettings)
     weights: RefineWeights = field(default_factory=RefineWeights)
@@ -90,9 +95,9 @@ class Tracker:
         quick look."""
         if quality == "paper":
             return Tracker()
-        fast = search_energy(step=2, sampling="nearest")
+        fast = search_energy(uncovered_scale=2.0, step=2, sampling="nearest")
         plan = RefinePlan(
-            surface_flow=True, rounds=3,
+            edges="background", surface_flow=True, rounds=4, robust_start=4.0,
             weights=RefineWeights(regularisation=0.3, residual_scale=0.02, prior=0.3, robust=0.015),
             contours=ContourSettings(reach=10),
         )  # fmt: skip
@@ -101,6 +106,12 @@ class Tracker:
         if quality == "draft":
             return Tracker(fast, SearchPlan(((4, 6),), particles=32, spread=0.5), replace(plan, rounds=2))
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
+
+
+def appearance_preset(quality: Quality) -> AppearanceSettings:
+    """Appearance settings that go with a preset: "paper" leaves triangles that were never seen without a model."""
+    unseen = "none" if quality == "paper" else "nearest"
+    return AppearanceSettings(foreground=ForegroundSettings(unseen=unseen))
 
 
 def sigma_floor(dofs: tuple[int, ...]) -> Float[Array, "group_dof"]:
