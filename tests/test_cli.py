@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from jaxmocap._cli import run
+from jaxmocap._cli._output import show
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_capture, write_capture
 
@@ -167,6 +168,11 @@ def test_pose_files_that_cannot_be_used_are_refused(content, words, film, tmp_pa
 
 def test_a_demo_of_one_frame_is_refused(tmp_path, capsys):
     assert "at least 2" in refused(["demo", "--out", tmp_path / "demo", "--frames", "1"], capsys)
+
+
+def test_answers_in_json_hold_null_where_a_number_is_not_known(capsys):
+    show({"out": Path("a/b"), "mean": float("nan"), "max": [1.5, float("inf")]}, str, json_wanted=True)
+    assert json.loads(capsys.readouterr().out) == {"out": "a/b", "mean": None, "max": [1.5, None]}
 
 
 # check ------------------------------------------------------------------------------------------------------------

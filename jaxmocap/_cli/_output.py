@@ -1,6 +1,7 @@
 """What a command says and where: its answer on standard output, messages and progress on standard error."""
 
 import contextlib
+import json
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -19,9 +20,8 @@ def say(message: str) -> None:
 def show(value: Any, as_text: Callable[[], Any], *, json_wanted: bool) -> None:
     """A command's answer on standard output: `value` as JSON and nothing else, or `as_text()` as rich prints it."""
     if json_wanted:
-        from jaxmocap.motion import json_text
-
-        print(json_text(value), end="")
+        plain = json.loads(json.dumps(value, default=str), parse_constant=lambda _: None)  # NaN is no JSON
+        print(json.dumps(plain, indent=2, allow_nan=False, ensure_ascii=False))
     else:
         Console(highlight=False).print(as_text(), markup=False)
 

@@ -3,7 +3,6 @@
 from ._atomic import (
     atomic_folder as atomic_folder,
     atomic_path as atomic_path,
-    json_text as json_text,
     write_bytes as write_bytes,
     write_json as write_json,
     write_npz as write_npz,
