@@ -47,7 +47,9 @@ def _versions() -> dict[str, str]:
 def open_character(capture: Capture) -> Character:
     """The capture's actor. Raises `InputError` when it names none."""
     if capture.actor is None:
-        raise InputError(f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF, to capture.toml.")
+        raise InputError(
+            f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF, to capture.toml."
+        )
     return Character.load(capture.actor)
 
 
@@ -109,13 +111,17 @@ def track_capture(
         for number, frame in enumerate(selected):
             registrations |= register(
                 capture, cameras, character, (frame,), key=jax.random.fold_in(key, 1), overrides=overrides
-            )  # fmt: skip
+            )
             tell("register", number + 1, len(selected))
         tell("appearance", 0, 1)
         appearance = fit_capture_appearance(
-            capture, cameras, character, key_poses_of(registrations), key=jax.random.fold_in(key, 2),
+            capture,
+            cameras,
+            character,
+            key_poses_of(registrations),
+            key=jax.random.fold_in(key, 2),
             settings=appearance_preset(quality),
-        )  # fmt: skip
+        )
         observations = observe(capture, cameras, character, appearance, registrations)
         tell("appearance", 1, 1)
         prepared = time.perf_counter()

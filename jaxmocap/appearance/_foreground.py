@@ -22,9 +22,9 @@ class ForegroundSettings(eqx.Module):
 
     - `per_camera`: `"camera_then_pooled"`: a camera's own model where it has enough pixels, else that of all cameras;
       `"camera"`: nothing else; `"pooled"`: one model for all cameras.
-    - `unseen`: `"none"`: a triangle that no selected frame shows has no model and psi_f = tau (the paper); `"nearest"`: it
-      takes the model of the nearest triangle over the surface that has one, so that a limb which turns its unseen side
-      keeps being worth covering.
+    - `unseen`: `"none"`: a triangle that no selected frame shows has no model and psi_f = tau (the paper);
+    `"nearest"`: it takes the model of the nearest triangle over the surface that has one, so that a limb which turns
+    its unseen side keeps being worth covering.
     - `pool_ring`: 1 lets a triangle with fewer than `pool_below` pixels borrow those of the triangles it shares an edge
       with; 0 does not.
     - `min_pixels`: pixels a model needs, borrowed ones included. A triangle that was never seen gets none.

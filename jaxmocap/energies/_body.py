@@ -37,9 +37,7 @@ class BodyPart(eqx.Module):
         return blend(character.skeleton, pose, self.vertices, self.weights)
 
 
-def body_part(
-    character: Character, dofs: tuple[int, ...], least_faces: int = 0, least_vertices: int = 0
-) -> BodyPart:
+def body_part(character: Character, dofs: tuple[int, ...], least_faces: int = 0, least_vertices: int = 0) -> BodyPart:
     """The part of the mesh moved by `dofs` (host). A root DoF moves everything.
 
     Raises `ValueError` if no face depends on them.
@@ -67,13 +65,15 @@ def body_part(
 
 
 class Region(NamedTuple):
-    """The pixels that are scored anew for every particle: corner (row, column) inside the rectangle per view, one size."""
+    """The pixels that are scored anew for every particle: corner (row, column) inside the rectangle per view, one
+    size."""
 
     corners: Int[Array, "camera 2"]
     size: tuple[int, int]
 
     def cut(self, values: Array, camera: int, step: int = 1, border: int = 0) -> Array:
-        """The region of a (height, width, ...) array of one view, every `step`-th pixel; with `border` more around it."""
+        """The region of a (height, width, ...) array of one view, every `step`-th pixel; with `border` more around
+        it."""
         corner = (self.corners[camera, 0], self.corners[camera, 1])
         size = (self.size[0] + 2 * border, self.size[1] + 2 * border)
         window = lax.dynamic_slice(values, corner + (0,) * (values.ndim - 2), size + values.shape[2:])
@@ -98,8 +98,16 @@ def base_buffers(
     for camera in range(problem.num_cameras):
         screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
         jobs = window_jobs(
-            screen, character.faces.T, numbers, ~part.moves, height, width, problem.depth_range[camera], part.layout, capacity
-        )  # fmt: skip
+            screen,
+            character.faces.T,
+            numbers,
+            ~part.moves,
+            height,
+            width,
+            problem.depth_range[camera],
+            part.layout,
+            capacity,
+        )
         buffers.append(draw(empty_buffer(part.layout, height, width), jobs, part.layout))
         needed.append(jobs.needed)
     return jnp.stack(buffers), jnp.stack(needed).max()
@@ -117,9 +125,7 @@ def part_jobs(
     screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
     corner = region.corners[camera]
     depths = problem.depth_range[camera]
-    jobs = window_jobs(
-        screen, part.faces, part.face_numbers, None, *region.size, depths, part.layout, capacity, corner
-    )  # fmt: skip
+    jobs = window_jobs(screen, part.faces, part.face_numbers, None, *region.size, depths, part.layout, capacity, corner)
     return jobs, screen
 
 
@@ -132,5 +138,3 @@ def pixels_outside(
     cx, cy = x.mean(0) - corner[1], y.mean(0) - corner[0]
     outside = (cx < -0.5) | (cy < -0.5) | (cx > size[1] - 0.5) | (cy > size[0] - 0.5)
     return jnp.where(outside & (area < 0) & (inverse.min(0) > 0), jnp.minimum(-area, 1e4), 0.0).sum()
-
-

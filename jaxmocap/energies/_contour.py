@@ -18,8 +18,8 @@ class ContourSettings(eqx.Module):
     """How contour points look for their edge. The paper says only "close enough" with "best consistent colour and
     orientation"; the numbers are ours.
 
-    `contours` "outer" is the silhouette (the paper); "outer+occluding" adds depth discontinuities inside it. `step` takes
-    every step-th contour pixel. `capacity` bounds the contour pixels per view.
+    `contours` "outer" is the silhouette (the paper); "outer+occluding" adds depth discontinuities inside it. `step`
+    takes every step-th contour pixel. `capacity` bounds the contour pixels per view.
     """
 
     reach: int = eqx.field(static=True, default=15)
@@ -153,8 +153,13 @@ def contour_lines(
         corner = problem.origins[camera, ::-1].astype(jnp.float32) + 0.5
         parts.append(
             surface_lines(
-                vertices, faces, jnp.where(points.live, points.face, -1), here + corner, targets + corner,
-                accepted.astype(jnp.float32), (problem.intrinsics[camera], problem.cam_from_world[camera]),
-            )  # fmt: skip
+                vertices,
+                faces,
+                jnp.where(points.live, points.face, -1),
+                here + corner,
+                targets + corner,
+                accepted.astype(jnp.float32),
+                (problem.intrinsics[camera], problem.cam_from_world[camera]),
+            )
         )
     return join_lines(*parts)

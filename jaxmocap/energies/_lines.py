@@ -37,7 +37,10 @@ class SurfaceLines(eqx.Module):
 def join_lines(*parts: SurfaceLines) -> SurfaceLines:
     """All rows one after the other."""
     return SurfaceLines(
-        *(jnp.concatenate([getattr(p, f) for p in parts]) for f in ("corners", "barycentric", "direction", "moment", "weight"))
+        *(
+            jnp.concatenate([getattr(p, f) for p in parts])
+            for f in ("corners", "barycentric", "direction", "moment", "weight")
+        )
     )
 
 
@@ -82,8 +85,8 @@ def surface_lines(
     seen: tuple[Float[Array, "3 3"], Float[Array, "4 4"]],
     target: tuple[Float[Array, "3 3"], Float[Array, "4 4"]] | None = None,
 ) -> SurfaceLines:
-    """Rows from pixels of one view: the surface point seen at `pixels` (face `ids`, mesh at `vertices`) should be seen at
-    `targets`.
+    """Rows from pixels of one view: the surface point seen at `pixels` (face `ids`, mesh at `vertices`) should be seen
+    at `targets`.
 
     `seen` and `target` are (intrinsics, cam_from_world) of the two pictures; one camera for both when `target` is None.
     Pixels in full-image coordinates, centres at +0.5.

@@ -36,9 +36,9 @@ class _Prepared(NamedTuple):
 class ModelView(eqx.Module):
     """Eq. 6, summed over the views (the first sum of Eq. 5).
 
-    `uncovered_scale` 1 is the printed equation; 2 makes both sides symmetric. `outside` is the cost of a mesh pixel that
-    leaves the rectangle: 1 keeps a pose from hiding there, 0 is the printed equation. `shading` "palette" looks psi_f up
-    in the table of palette colours, whose error `benchmarks/` reports.
+    `uncovered_scale` 1 is the printed equation; 2 makes both sides symmetric. `outside` is the cost of a mesh pixel
+    that leaves the rectangle: 1 keeps a pose from hiding there, 0 is the printed equation. `shading` "palette" looks
+    psi_f up in the table of palette colours, whose error `benchmarks/` reports.
     """
 
     weight: Float[Array, ""] = knob(1.0)
@@ -81,7 +81,13 @@ class ModelView(eqx.Module):
         )
 
     def score(
-        self, prepared: _Prepared, buffers: Array, outside: Array, region: Region, problem: FrameProblem, layout: KeyLayout
+        self,
+        prepared: _Prepared,
+        buffers: Array,
+        outside: Array,
+        region: Region,
+        problem: FrameProblem,
+        layout: KeyLayout,
     ) -> Float[Array, ""]:
         """Sum over views of the mean pixel cost. `outside (camera,)`: mesh pixels beyond the region."""
         total = jnp.zeros(())

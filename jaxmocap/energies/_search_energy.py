@@ -46,7 +46,9 @@ class SearchEnergy(eqx.Module):
             if name not in names:
                 raise ValueError(f"no term is called '{name}'; this energy has {', '.join(names)}")
         changed = [
-            eqx.tree_at(lambda t: t.weight, term, jnp.asarray(weights[term.name], jnp.float32)) if term.name in weights else term
+            eqx.tree_at(lambda t: t.weight, term, jnp.asarray(weights[term.name], jnp.float32))
+            if term.name in weights
+            else term
             for term in self.terms
         ]
         return SearchEnergy(tuple(changed))
@@ -79,7 +81,13 @@ class Base(NamedTuple):
 
 
 def prepare_base(
-    energy: SearchEnergy, character: Character, part: BodyPart, pose: Pose, problem: FrameProblem, region: Region, capacity: int
+    energy: SearchEnergy,
+    character: Character,
+    part: BodyPart,
+    pose: Pose,
+    problem: FrameProblem,
+    region: Region,
+    capacity: int,
 ) -> Base:
     """Draw the rest of the body at `pose` and let every term prepare."""
     buffers, needed = base_buffers(character, part, pose, problem, capacity)
@@ -103,8 +111,9 @@ def score_particles(
     increments: Float[Array, "particle dof"],
     capacity: int,
 ) -> Scores:
-    """Eq. 5 for every increment of `pose`. Particles run one after the other over copies of a small key buffer: on a CPU
-    this is far faster than `vmap`. With several devices the particles are shared out among them, with the same bits."""
+    """Eq. 5 for every increment of `pose`. Particles run one after the other over copies of a small key buffer: on a
+    CPU this is far faster than `vmap`. With several devices the particles are shared out among them, with the same
+    bits."""
     dynamic, static = eqx.partition((energy, character, part, pose, problem, region, base), eqx.is_array)
 
     def generation(arrays: Any, rows: Array) -> tuple[Array, Array]:

@@ -49,13 +49,21 @@ class Silhouette(eqx.Module):
         )
 
     def score(
-        self, prepared: _Prepared, buffers: Array, outside: Array, region: Region, problem: FrameProblem, layout: KeyLayout
+        self,
+        prepared: _Prepared,
+        buffers: Array,
+        outside: Array,
+        region: Region,
+        problem: FrameProblem,
+        layout: KeyLayout,
     ) -> Float[Array, ""]:
         """Mean over the views of 0.5 (XOR / model area + XOR / mask area)."""
         total = jnp.zeros(())
         for camera in range(problem.num_cameras):
             covered = crop(buffers[camera]) & layout.id_mask != layout.id_mask
-            wrong = (covered != (prepared.mask[camera] > 0.5)).sum() + prepared.elsewhere_wrong[camera] + outside[camera]
+            wrong = (
+                (covered != (prepared.mask[camera] > 0.5)).sum() + prepared.elsewhere_wrong[camera] + outside[camera]
+            )
             model = covered.sum() + prepared.elsewhere_model[camera] + outside[camera]
             total += 0.5 * (wrong / jnp.maximum(model, 1.0) + wrong / jnp.maximum(prepared.mask_area[camera], 1.0))
         return total / problem.num_cameras

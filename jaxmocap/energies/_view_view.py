@@ -22,10 +22,11 @@ def ordered_pairs(num_cameras: int) -> list[tuple[int, int]]:
 def partner_pixels(
     columns: Array, rows: Array, inverse_depth: Array, source: Float[Array, "3 4"], target: Float[Array, "3 4"]
 ) -> tuple[Array, Array, Array]:
-    """Where a surface point seen at pixel (column, row) of the source view with this inverse depth appears in the target.
+    """Where a surface point seen at pixel (column, row) of the source view with this inverse depth appears in the
+    target.
 
-    Exact: inverse depth is affine over a face, so this is the ray cut with the face's plane. Returns column, row and the
-    scaled depth (positive in front of the target camera).
+    Exact: inverse depth is affine over a face, so this is the ray cut with the face's plane. Returns column, row and
+    the scaled depth (positive in front of the target camera).
     """
     turn = target[:, :3] @ jnp.linalg.inv(source[:, :3])
     shift = target[:, 3] - turn @ source[:, 3]
@@ -46,7 +47,11 @@ def _pack(image: Float[Array, "height width 3"]) -> Int[Array, "height width"]:
 
 
 def _channels(packed: Array) -> tuple[Array, Array, Array]:
-    return (packed >> 16).astype(jnp.float32), ((packed >> 8) & 255).astype(jnp.float32), (packed & 255).astype(jnp.float32)
+    return (
+        (packed >> 16).astype(jnp.float32),
+        ((packed >> 8) & 255).astype(jnp.float32),
+        (packed & 255).astype(jnp.float32),
+    )
 
 
 def _in_region(row: Array, column: Array, region: Region, camera: int) -> Array:
@@ -62,8 +67,8 @@ def _region_index(row: Array, column: Array, region: Region, camera: int) -> Arr
 
 
 class _Far(NamedTuple):
-    """Body pixels of view m outside the region whose partner in view n falls inside n's region: their test depends on the
-    particle, everything else about them does not."""
+    """Body pixels of view m outside the region whose partner in view n falls inside n's region: their test depends on
+    the particle, everything else about them does not."""
 
     target: Int[Array, "slot"]
     face: Int[Array, "slot"]
@@ -101,7 +106,9 @@ class ViewView(eqx.Module):
 
     name = "view_view"
 
-    def _partner(self, keys: Array, rows: Array, columns: Array, m: int, n: int, problem: FrameProblem, layout: KeyLayout):
+    def _partner(
+        self, keys: Array, rows: Array, columns: Array, m: int, n: int, problem: FrameProblem, layout: KeyLayout
+    ):
         """Local float column and row in n's rectangle, and whether the nearest pixel lies inside it."""
         inverse = layout.inverse_depth(keys, problem.depth_range[m])
         origin, target = problem.origins[m], problem.origins[n]
@@ -144,12 +151,22 @@ class ViewView(eqx.Module):
         height, width = problem.size
         if region.size == problem.size:
             nothing = jnp.zeros(1, jnp.int32)
-            return _Far(nothing, nothing, jnp.zeros(1), jnp.zeros(1, bool), jnp.zeros(()), jnp.zeros(()), jnp.zeros((), jnp.int32))
+            return _Far(
+                nothing,
+                nothing,
+                jnp.zeros(1),
+                jnp.zeros(1, bool),
+                jnp.zeros(()),
+                jnp.zeros(()),
+                jnp.zeros((), jnp.int32),
+            )
         keys = crop(base[m])[:: self.step, :: self.step]
         ids = layout.face(keys)
         rows, columns = jnp.meshgrid(
-            jnp.arange(0, height, self.step, dtype=jnp.float32), jnp.arange(0, width, self.step, dtype=jnp.float32), indexing="ij"
-        )  # fmt: skip
+            jnp.arange(0, height, self.step, dtype=jnp.float32),
+            jnp.arange(0, width, self.step, dtype=jnp.float32),
+            indexing="ij",
+        )
         x, y, inside = self._partner(keys, rows, columns, m, n, problem, layout)
         column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
         here = ~region_mask(region, m, height, width)[:: self.step, :: self.step] & (ids >= 0)
@@ -180,14 +197,22 @@ class ViewView(eqx.Module):
         own = tuple(region.cut(shaped[c], c, step=self.step) for c in range(problem.num_cameras))
         pairs = ordered_pairs(problem.num_cameras)
         flat = crop(base).reshape(problem.num_cameras, -1)
-        return _Prepared(packed, flat, own, tuple(self._far(base, region, m, n, packed, problem, layout) for m, n in pairs))
+        return _Prepared(
+            packed, flat, own, tuple(self._far(base, region, m, n, packed, problem, layout) for m, n in pairs)
+        )
 
     def needed(self, prepared: _Prepared) -> Array:
         """Largest number of far pixels, to be compared with `capacity`."""
         return jnp.stack([far.needed for far in prepared.far]).max() if prepared.far else jnp.zeros((), jnp.int32)
 
     def score(
-        self, prepared: _Prepared, buffers: Array, outside: Array, region: Region, problem: FrameProblem, layout: KeyLayout
+        self,
+        prepared: _Prepared,
+        buffers: Array,
+        outside: Array,
+        region: Region,
+        problem: FrameProblem,
+        layout: KeyLayout,
     ) -> Float[Array, ""]:
         """Sum over ordered pairs of the mean over the covered pixels; tau for a view without any (M2 = 0)."""
         height, width = problem.size

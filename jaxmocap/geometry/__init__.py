@@ -1,3 +1,16 @@
+from ._mesh_graph import (
+    face_adjacency as face_adjacency,
+    face_components as face_components,
+    faces_within as faces_within,
+    pack_rows as pack_rows,
+)
+from ._plucker import pluecker_line as pluecker_line, point_line_residual as point_line_residual
+from ._robust import (
+    geman_mcclure as geman_mcclure,
+    geman_mcclure_weight as geman_mcclure_weight,
+    huber as huber,
+    huber_weight as huber_weight,
+)
 from ._transforms import (
     ad as ad,
     adjoint as adjoint,
@@ -13,17 +26,3 @@ from ._transforms import (
     so3_log as so3_log,
     transform as transform,
 )
-
-from ._robust import (
-    geman_mcclure as geman_mcclure,
-    geman_mcclure_weight as geman_mcclure_weight,
-    huber as huber,
-    huber_weight as huber_weight,
-)
-from ._mesh_graph import (
-    face_adjacency as face_adjacency,
-    face_components as face_components,
-    faces_within as faces_within,
-    pack_rows as pack_rows,
-)
-from ._plucker import pluecker_line as pluecker_line, point_line_residual as point_line_residual

@@ -6,7 +6,8 @@ from jaxtyping import Int, UInt32
 
 
 def face_adjacency(faces: Int[np.ndarray, "face 3"]) -> sparse.csr_matrix:
-    """Boolean sparse matrix (face, face): true where two faces share an edge. Edges of three or more faces join them all."""
+    """Boolean sparse matrix (face, face): true where two faces share an edge. Edges of three or more faces join them
+    all."""
     count = len(faces)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(np.int64)
     _, edge = np.unique(edges[:, 0] * (faces.max() + 1) + edges[:, 1], return_inverse=True)
@@ -42,4 +43,3 @@ def face_components(faces: Int[np.ndarray, "face 3"]) -> tuple[int, Int[np.ndarr
     """Number of connected pieces, and the piece of each face."""
     count, labels = sparse.csgraph.connected_components(face_adjacency(faces), directed=False)
     return int(count), labels
-

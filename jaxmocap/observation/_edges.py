@@ -18,7 +18,8 @@ def background_edges(
 ) -> tuple[Bool[np.ndarray, "height width"], Float[np.ndarray, "height width 2"]]:
     """Outlines of what does not look like the background: psi_b of Eq. 3, cleaned by a median, cut at `threshold`.
 
-    Where clothes have strong patterns their edges outshine the silhouette's in a Canny picture; this one has none inside.
+    Where clothes have strong patterns their edges outshine the silhouette's in a Canny picture; this one has none
+    inside.
     """
     levels = cv2.medianBlur(np.clip(distance * 255, 0, 255).astype(np.uint8), 5)
     smooth = cv2.GaussianBlur(levels.astype(np.float32) / 255, (0, 0), 1.0)

@@ -33,6 +33,9 @@ def flow_agrees(
 def sample_picture(picture: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Bilinear samples of a picture at pixel positions whose first pixel centre is (0.5, 0.5)."""
     return cv2.remap(
-        picture, (columns - 0.5).astype(np.float32), (rows - 0.5).astype(np.float32), cv2.INTER_LINEAR,
+        picture,
+        (columns - 0.5).astype(np.float32),
+        (rows - 0.5).astype(np.float32),
+        cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
-    )  # fmt: skip
+    )

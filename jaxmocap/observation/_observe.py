@@ -63,8 +63,14 @@ def full_image_ids(
     for camera, (width, height) in enumerate(cameras.sizes):
         pick = slice(camera, camera + 1)
         ids, _ = face_ids(
-            vertices, character.faces, view.intrinsics[pick], view.cam_from_world[pick], jnp.zeros((1, 2), jnp.int32), height, width
-        )  # fmt: skip
+            vertices,
+            character.faces,
+            view.intrinsics[pick],
+            view.cam_from_world[pick],
+            jnp.zeros((1, 2), jnp.int32),
+            height,
+            width,
+        )
         result.append(np.asarray(ids[0]))
     return result
 
@@ -92,9 +98,15 @@ def fit_capture_appearance(
         ids.append(full_image_ids(character, vertices, cameras, frame))
         images.append([capture.image(camera, frame) for camera in range(cameras.num_cameras)])
         facing.append([facing_cosine(np.asarray(vertices), np.asarray(character.faces), centre) for centre in centres])
-        found = masks[frame] if masks is not None else [capture.mask(camera, frame) for camera in range(cameras.num_cameras)]
+        found = (
+            masks[frame]
+            if masks is not None
+            else [capture.mask(camera, frame) for camera in range(cameras.num_cameras)]
+        )
         person.append([m if m is not None else i >= 0 for m, i in zip(found, ids[-1], strict=True)])
-    return fit_appearance(ids, images, facing, np.asarray(character.faces), selected, key=key, masks=person, settings=settings)
+    return fit_appearance(
+        ids, images, facing, np.asarray(character.faces), selected, key=key, masks=person, settings=settings
+    )
 
 
 def surface_of(character: Character, appearance: Appearance | None, num_cameras: int) -> Surface:
@@ -103,9 +115,11 @@ def surface_of(character: Character, appearance: Appearance | None, num_cameras:
     near = jnp.asarray(pack_rows(faces_within(faces, GEODESIC_STEPS)))
     if appearance is None:
         return Surface(
-            jnp.ones((num_cameras, len(faces), 1), jnp.float16), near,
-            jnp.zeros((num_cameras, len(faces), 3)), jnp.zeros((num_cameras, len(faces)), bool),
-        )  # fmt: skip
+            jnp.ones((num_cameras, len(faces), 1), jnp.float16),
+            near,
+            jnp.zeros((num_cameras, len(faces), 3)),
+            jnp.zeros((num_cameras, len(faces)), bool),
+        )
     tables = jnp.stack([appearance.foreground_table(camera) for camera in range(num_cameras)])
     return Surface(tables, near, appearance.foreground.mean_colours(), appearance.foreground.source > 0)
 
@@ -137,7 +151,9 @@ def build_problem(
         background=jnp.ones(shape) if background is None else jnp.asarray(np.stack(background).astype(np.float32)),
         depth_range=jnp.stack(ranges),
         area=jnp.asarray(rectangle.area, jnp.float32),
-        edges=Edges(jnp.asarray(np.stack([e[0] for e in edges])), jnp.asarray(np.stack([e[1] for e in edges]), jnp.float32)),
+        edges=Edges(
+            jnp.asarray(np.stack([e[0] for e in edges])), jnp.asarray(np.stack([e[1] for e in edges]), jnp.float32)
+        ),
         surface=surface,
     )
 
@@ -174,7 +190,12 @@ class Observations:
             image = self.capture.image(camera, frame)
             mask = self.capture.mask(camera, frame)
             if mask is None:
-                mask = full_image_ids(self.character, skin(self.character, self.key_poses[frame]), self.cameras, frame)[camera] >= 0
+                mask = (
+                    full_image_ids(self.character, skin(self.character, self.key_poses[frame]), self.cameras, frame)[
+                        camera
+                    ]
+                    >= 0
+                )
             self._selected[camera, selected] = frame_features(image, mask, self.features.mask_growth, self.features)
         return self._selected[camera, selected]
 
@@ -186,7 +207,12 @@ class Observations:
             nothing = np.zeros((0, 2))
             return warp_grid(nothing, nothing, size, self.appearance.settings.warp, grid=self.appearance.settings.grid)
         matches = match_background(
-            self._selected_features(camera, selected), None, image, person, self.features, previous=self._last.get(where)
+            self._selected_features(camera, selected),
+            None,
+            image,
+            person,
+            self.features,
+            previous=self._last.get(where),
         )
         settings = self.appearance.settings
         warp = warp_grid(*matches, size, settings.warp, self._warps.get(where), grid=settings.grid)
@@ -201,8 +227,9 @@ class Observations:
         edges: Literal["canny", "background"] = "canny",
         warps: list[list[tuple[int, GridWarp]]] | None = None,
     ) -> FrameProblem:
-        """The problem of one frame, `pose` being the prediction. `edges` says where contours look for their edge: in the
-        Canny picture (the paper) or at the outline of what is not background. `warps` are those of `background_warps`."""
+        """The problem of one frame, `pose` being the prediction. `edges` says where contours look for their edge: in
+        the Canny picture (the paper) or at the outline of what is not background. `warps` are those of
+        `background_warps`."""
         vertices = np.asarray(skin(self.character, pose))
         warps = self.background_warps(shown, pose) if warps is None else warps
         labels, background = [], []
@@ -215,18 +242,24 @@ class Observations:
                     self._tables[camera, selected] = np.asarray(self.appearance.background_table(camera, selected))
                 distances.append(
                     background_distance(
-                        self.appearance.background[camera, selected], warp.vertices, crop,
+                        self.appearance.background[camera, selected],
+                        warp.vertices,
+                        crop,
                         origin=(int(rectangle.origins[camera, 0]), int(rectangle.origins[camera, 1])),
-                        grid=self.appearance.settings.grid, colour=self.appearance.settings.colour, rest=warp.rest,
-                        palette=self.appearance.palette, table=self._tables[camera, selected], labels=label,
-                    )  # fmt: skip
+                        grid=self.appearance.settings.grid,
+                        colour=self.appearance.settings.colour,
+                        rest=warp.rest,
+                        palette=self.appearance.palette,
+                        table=self._tables[camera, selected],
+                        labels=label,
+                    )
                 )
             labels.append(label)
             background.append(np.min(distances, axis=0))
         outlines = [background_edges(distance) for distance in background] if edges == "background" else None
         return build_problem(
             shown.images, rectangle, self.cameras, shown.frame, vertices, self.surface, labels, background, outlines
-        )  # fmt: skip
+        )
 
     def background_warps(self, shown: FrameImages, pose: Pose) -> list[list[tuple[int, GridWarp]]]:
         """Per camera, the selected frames that serve this frame and their grids carried to it."""

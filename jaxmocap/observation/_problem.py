@@ -9,8 +9,8 @@ class Surface(eqx.Module):
     """What is known of the character's surface, the same for all frames.
 
     `colour_distance (camera, face, colour)`: psi_f of Eq. 3 for every palette colour, tau where a face has no model.
-    `near_faces (face, word)`: bit table of faces at most five edge steps apart (Eq. 7). `mean_colour` is the mean RGB of a
-    face's model, meaningful where `has_colour`.
+    `near_faces (face, word)`: bit table of faces at most five edge steps apart (Eq. 7). `mean_colour` is the mean RGB
+    of a face's model, meaningful where `has_colour`.
     """
 
     colour_distance: Float[Array, "camera face colour"]
@@ -31,7 +31,8 @@ class FrameProblem(eqx.Module):
 
     `origins` are row and column of each rectangle's first pixel in the full image. `labels` are palette indices,
     `background` is psi_b of Eq. 3. `area` is M_1 of Eq. 6, the pixels of the tight rectangle: the
-    arrays may be larger, so that a sequence compiles once. `depth_range` bounds the inverse depths (1/metres) that keys can tell apart.
+    arrays may be larger, so that a sequence compiles once. `depth_range` bounds the inverse depths (1/metres) that
+    keys can tell apart.
     """
 
     intrinsics: Float[Array, "camera 3 3"]

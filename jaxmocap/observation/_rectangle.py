@@ -29,7 +29,9 @@ class Rectangle:
 
 
 def projected_box(
-    vertices: Float[np.ndarray, "vertex 3"], intrinsics: Float[np.ndarray, "3 3"], cam_from_world: Float[np.ndarray, "4 4"]
+    vertices: Float[np.ndarray, "vertex 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    cam_from_world: Float[np.ndarray, "4 4"],
 ) -> Float[np.ndarray, "4"] | None:
     """Bounding box (left, top, right, bottom) in pixels, or None when nothing lies in front of the camera."""
     local = vertices @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
@@ -60,7 +62,7 @@ def place_rectangle(
             name = names[camera] if names else str(camera)
             raise InputError(
                 f"The projected character left the image of camera '{name}'; "
-                "check the cameras, or the initial pose, or track only the frames in which every camera sees the person."
+                "check the cameras or the initial pose, or track only frames in which every camera sees the person."
             )
         margin = max(0.1 * max(right - left, bottom - top), 1.5 * float(flow_speed[camera]), 20.0)
         boxes[camera] = (left - margin, top - margin, right + margin, bottom + margin)

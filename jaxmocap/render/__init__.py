@@ -9,7 +9,6 @@ from ._windows import (
     draw as draw,
     draw_scatter as draw_scatter,
     expand as expand,
-    restore as restore,
     to_screen as to_screen,
     window_jobs as window_jobs,
 )

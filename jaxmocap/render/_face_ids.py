@@ -20,7 +20,8 @@ def projection_matrices(
 def inverse_depth_range(
     vertices: Float[Array, "vertex 3"], cam_from_world: Float[Array, "4 4"], slack: float = 0.0
 ) -> Float[Array, "2"]:
-    """Smallest and largest inverse depth (1/metres) of the vertices, widened by `slack` metres of depth on both sides."""
+    """Smallest and largest inverse depth (1/metres) of the vertices, widened by `slack` metres of depth on both
+    sides."""
     depth = vertices @ cam_from_world[2, :3] + cam_from_world[2, 3]
     nearest = jnp.maximum(depth.min() - slack - 1e-3, 0.05)
     farthest = jnp.maximum(depth.max() + slack + 1e-3, nearest + 1e-2)
@@ -64,9 +65,15 @@ def face_ids(
         capacity *= 2
     while True:
         ids, inverse, needed = _face_ids(
-            jnp.asarray(vertices), jnp.asarray(faces), jnp.asarray(intrinsics), jnp.asarray(cam_from_world),
-            jnp.asarray(origins, jnp.int32), height, width, capacity,
-        )  # fmt: skip
+            jnp.asarray(vertices),
+            jnp.asarray(faces),
+            jnp.asarray(intrinsics),
+            jnp.asarray(cam_from_world),
+            jnp.asarray(origins, jnp.int32),
+            height,
+            width,
+            capacity,
+        )
         if int(needed.max()) <= capacity:
             return ids, inverse
         capacity = 2 ** int(needed.max() - 1).bit_length()

@@ -1,7 +1,7 @@
 """Packed integer z-buffer keys: quantised inverse depth in the high bits, face number in the low bits.
 
-`max` of two keys keeps the nearer face, ties go to the larger face number, so every driver that applies the same keys in
-any order ends with the same buffer, bit for bit.
+`max` of two keys keeps the nearer face, ties go to the larger face number, so every driver that applies the same keys
+in any order ends with the same buffer, bit for bit.
 """
 
 import equinox as eqx
@@ -22,7 +22,9 @@ class KeyLayout(eqx.Module):
         """The layout for a mesh. Raises `ValueError` above 500,000 faces (the depth would keep fewer than 12 bits)."""
         bits = max(4, int(num_faces + 1).bit_length())
         if bits > 19:
-            raise ValueError(f"{num_faces} faces leave too few bits for the depth; simplify the mesh to 500,000 or fewer")
+            raise ValueError(
+                f"{num_faces} faces leave too few bits for the depth; simplify the mesh to 500,000 or fewer"
+            )
         return KeyLayout(bits)
 
     @property

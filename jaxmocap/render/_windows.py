@@ -1,9 +1,10 @@
 """The hard rasteriser: faces -> 8 x 8 windows -> packed keys.
 
 Each front face is cut into windows on a grid that starts at its own bounding box, so that a window's numbers do not
-depend on the rectangle being drawn and a limb drawn over a body gives the same bits as both drawn together. Set-up is one
-vectorised pass over the faces; the windows are then applied one after the other (`draw`, the fast form on a CPU, where XLA
-turns the loop into one in-place kernel) or all at once by a scatter (`draw_scatter`, the form for a GPU or TPU).
+depend on the rectangle being drawn and a limb drawn over a body gives the same bits as both drawn together. Set-up is
+one vectorised pass over the faces; the windows are then applied one after the other (`draw`, the fast form on a CPU,
+where XLA turns the loop into one in-place kernel) or all at once by a scatter (`draw_scatter`, the form for a GPU or
+TPU).
 """
 
 from typing import NamedTuple
@@ -29,7 +30,8 @@ class Jobs(NamedTuple):
 def to_screen(
     vertices: Float[Array, "vertex 3"], projection: Float[Array, "3 4"], origin: Int[Array, "2"]
 ) -> Float[Array, "3 vertex"]:
-    """Rows: column and row relative to the centre of the rectangle's first pixel, and inverse depth (<= 0 is behind)."""
+    """Rows: column and row relative to the centre of the rectangle's first pixel, and inverse depth (<= 0 is
+    behind)."""
     homogeneous = projection[:, :3] @ vertices.T + projection[:, 3:]
     depth = homogeneous[2]
     inverse = jnp.where(depth > 1e-3, 1.0 / jnp.maximum(depth, 1e-3), -1.0)
@@ -56,13 +58,17 @@ def _running_sum(values: Int[Array, "n"], block: int = 64) -> Int[Array, "n"]:
     return (inner + outer[:, None]).reshape(-1)[: values.shape[0]].astype(jnp.int32)
 
 
-def expand(counts: Int[Array, "n"], capacity: int) -> tuple[Int[Array, "capacity"], Int[Array, "capacity"], Int[Array, ""]]:
+def expand(
+    counts: Int[Array, "n"], capacity: int
+) -> tuple[Int[Array, "capacity"], Int[Array, "capacity"], Int[Array, ""]]:
     """Item i repeated `counts[i]` times: the item and the rank within it for each slot, and the total."""
     ends = _running_sum(counts)
     starts = ends - counts
     items = jnp.arange(counts.shape[0], dtype=jnp.int32)
-    marks = jnp.zeros(capacity, jnp.int32).at[jnp.where(counts > 0, starts, capacity)].max(
-        items, mode="drop", unique_indices=True
+    marks = (
+        jnp.zeros(capacity, jnp.int32)
+        .at[jnp.where(counts > 0, starts, capacity)]
+        .max(items, mode="drop", unique_indices=True)
     )
     item = lax.associative_scan(jnp.maximum, marks)
     return item, jnp.arange(capacity, dtype=jnp.int32) - starts[item], ends[-1]
@@ -78,19 +84,22 @@ def window_jobs(
     depth_range: Float[Array, "2"],
     layout: KeyLayout,
     capacity: int,
+    corner: Int[Array, "2"] | None = None,
 ) -> Jobs:
-    """Set-up of every front face that touches the rectangle, expanded to windows.
+    """Set-up of every front face that touches a rectangle of `height` x `width` pixels, expanded to windows.
 
-    Faces are front-facing when counter-clockwise seen from outside. Faces with a vertex behind the camera are dropped.
+    `corner` is the row and column, in the coordinates of `screen`, of the buffer's first pixel (default 0, 0). Faces
+    are front-facing when counter-clockwise seen from outside. Faces with a vertex behind the camera are dropped.
     `needed > capacity` says that windows were dropped; the caller draws again with a larger capacity.
     """
+    top, left = (jnp.zeros((), jnp.int32),) * 2 if corner is None else (corner[0], corner[1])
     x, y, inverse = screen[0][faces], screen[1][faces], screen[2][faces]
     scale = layout.depth_levels / (depth_range[1] - depth_range[0])
     level = jnp.clip((inverse - depth_range[0]) * scale, 0.0, float(layout.depth_levels)) + 1.0
     start_x, start_y = jnp.ceil(x.min(0)), jnp.ceil(y.min(0))
     last_x, last_y = jnp.floor(x.max(0)), jnp.floor(y.max(0))
     near = (inverse.min(0) > 0) & (jnp.abs(x).max(0) < _FAR_PIXEL) & (jnp.abs(y).max(0) < _FAR_PIXEL)
-    hit = (last_x >= 0) & (last_y >= 0) & (start_x <= width - 1) & (start_y <= height - 1)
+    hit = (last_x >= left) & (last_y >= top) & (start_x <= left + width - 1) & (start_y <= top + height - 1)
     hit &= (last_x >= start_x) & (last_y >= start_y)
 
     x, y = x - start_x, y - start_y
@@ -110,9 +119,9 @@ def window_jobs(
         return jnp.where(draw_it, value, 0.0).astype(jnp.int32)
 
     first_x, first_y = whole(start_x), whole(start_y)
-    skip_x, skip_y = jnp.maximum(-first_x, 0) // WINDOW, jnp.maximum(-first_y, 0) // WINDOW
-    end_x = (jnp.minimum(whole(last_x), width - 1) - first_x) // WINDOW
-    end_y = (jnp.minimum(whole(last_y), height - 1) - first_y) // WINDOW
+    skip_x, skip_y = jnp.maximum(left - first_x, 0) // WINDOW, jnp.maximum(top - first_y, 0) // WINDOW
+    end_x = (jnp.minimum(whole(last_x), left + width - 1) - first_x) // WINDOW
+    end_y = (jnp.minimum(whole(last_y), top + height - 1) - first_y) // WINDOW
     across = jnp.where(draw_it, end_x - skip_x + 1, 0)
     item, rank, needed = expand(across * jnp.where(draw_it, end_y - skip_y + 1, 0), capacity)
 
@@ -131,8 +140,8 @@ def window_jobs(
             *(table[:, 0], table[:, 1], table[:, 2] + table[:, 0] * fx + table[:, 1] * fy),
             *(table[:, 3], table[:, 4], table[:, 5] + table[:, 3] * fx + table[:, 4] * fy),
             *(table[:, 6], table[:, 7], table[:, 8] + table[:, 6] * fx + table[:, 7] * fy),
-            _as_float(first_x + offset_x + WINDOW),
-            _as_float(first_y + offset_y + WINDOW),
+            _as_float(first_x + offset_x - left + WINDOW),
+            _as_float(first_y + offset_y - top + WINDOW),
             _as_float(number),
         ],
         axis=1,
@@ -154,25 +163,13 @@ def _window_keys(record: Float[Array, "12"], layout: KeyLayout) -> Int[Array, "8
 def draw(
     buffer: Int[Array, "padded_height padded_width"], jobs: Jobs, layout: KeyLayout
 ) -> Int[Array, "padded_height padded_width"]:
-    """Draw the windows one after the other into the buffer. Iterate particles with `lax.map` or `lax.scan`, not `vmap`."""
+    """Draw the windows one after the other into the buffer. Iterate particles with `lax.map`, not `vmap`."""
 
     def body(i: Array, keys: Array) -> Array:
         record = jobs.records[i]
         corner = (_as_int(record[10]), _as_int(record[9]))
         old = lax.dynamic_slice(keys, corner, (WINDOW, WINDOW))
         return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(record, layout)), corner)
-
-    return lax.fori_loop(0, jobs.count, body, buffer)
-
-
-def restore(
-    buffer: Int[Array, "padded_height padded_width"], base: Int[Array, "padded_height padded_width"], jobs: Jobs
-) -> Int[Array, "padded_height padded_width"]:
-    """Put the base back under every window of `jobs`: cheaper than a fresh copy when few windows were drawn."""
-
-    def body(i: Array, keys: Array) -> Array:
-        corner = (_as_int(jobs.records[i, 10]), _as_int(jobs.records[i, 9]))
-        return lax.dynamic_update_slice(keys, lax.dynamic_slice(base, corner, (WINDOW, WINDOW)), corner)
 
     return lax.fori_loop(0, jobs.count, body, buffer)
 

@@ -26,15 +26,14 @@ from ._search import Stage, group_searches, initial_spread
 from ._surface_flow import Source, surface_flow
 from ._tracker import RefinePlan, Tracker, sigma_floor
 
-
 FLOW_ROBUST = (0.08, 0.03)
 """Geman-McClure scales of the flow start's rounds, metres."""
 
 
 @dataclass
 class FrameResult:
-    """What was found in one frame: the pose, the energies of Eq. 5 by term, how far it may be trusted, the deviation of the
-    last particles (39,), the J^T J of the refinement, and seconds by stage."""
+    """What was found in one frame: the pose, the energies of Eq. 5 by term, how far it may be trusted, the deviation
+    of the last particles (39,), the J^T J of the refinement, and seconds by stage."""
 
     frame: int
     timestamp: float
@@ -101,9 +100,14 @@ class FrameTracker:
         vertices = skin(self.character, pose)
         width, height = self.cameras.sizes[camera]
         ids, _ = face_ids(
-            vertices, self.character.faces, view.intrinsics[camera : camera + 1], view.cam_from_world[camera : camera + 1],
-            jnp.zeros((1, 2), jnp.int32), height, width,
-        )  # fmt: skip
+            vertices,
+            self.character.faces,
+            view.intrinsics[camera : camera + 1],
+            view.cam_from_world[camera : camera + 1],
+            jnp.zeros((1, 2), jnp.int32),
+            height,
+            width,
+        )
         return Source(image, view.intrinsics[camera], view.cam_from_world[camera], vertices, ids[0])
 
     def _selected_sources(self, frame: int) -> list[list[Source]]:
@@ -115,7 +119,9 @@ class FrameTracker:
             for selected in serving:
                 if (camera, selected) not in self._keys:
                     image = self.observations.capture.image(camera, selected)
-                    self._keys[camera, selected] = self._source(image, selected, camera, self.observations.key_poses[selected])
+                    self._keys[camera, selected] = self._source(
+                        image, selected, camera, self.observations.key_poses[selected]
+                    )
                 row.append(self._keys[camera, selected])
             sources.append(row)
         return sources
@@ -128,7 +134,9 @@ class FrameTracker:
         assert self.last is not None
         before, pose = self.last
         with clock.stage("flow"):
-            rectangle = frame_rectangle(np.asarray(skin(self.character, pose)), self.cameras, shown.frame, self.rectangle)
+            rectangle = frame_rectangle(
+                np.asarray(skin(self.character, pose)), self.cameras, shown.frame, self.rectangle
+            )
             sources = [[self._source(before.images[c], before.frame, c, pose)] for c in range(len(shown.images))]
             plain = self._plain_problem(shown, rectangle, pose)
             speed = np.zeros(len(shown.images))
@@ -139,9 +147,15 @@ class FrameTracker:
                 flows = surface_flow(self.character, vertices, ids, crops, plain, sources, self.tracker.flow)
                 prior = free_prior(self.character, base, jnp.concatenate([jnp.full(6, 0.1), jnp.full(33, 0.5)]))
                 delta, _ = descend(
-                    self.character, base, difference(self.character.skeleton, base, pose),
-                    tuple(Rows(lines, 0.02, robust) for lines in flows), (), prior, Shooting(), steps=2,
-                )  # fmt: skip
+                    self.character,
+                    base,
+                    difference(self.character.skeleton, base, pose),
+                    tuple(Rows(lines, 0.02, robust) for lines in flows),
+                    (),
+                    prior,
+                    Shooting(),
+                    steps=2,
+                )
                 pose = retract(self.character.skeleton, base, delta)
                 if round_index == 0:
                     speed = self._pixel_speed(base, pose, shown.frame)
@@ -153,22 +167,31 @@ class FrameTracker:
         depth = np.asarray(skin(self.character, after)).mean(0)
         return np.array(
             [
-                float(view.intrinsics[c, 0, 0]) * moved / max(float(view.cam_from_world[c, 2, :3] @ depth + view.cam_from_world[c, 2, 3]), 0.1)
+                float(view.intrinsics[c, 0, 0])
+                * moved
+                / max(float(view.cam_from_world[c, 2, :3] @ depth + view.cam_from_world[c, 2, 3]), 0.1)
                 for c in range(self.cameras.num_cameras)
             ]
         )
 
     def _plain_problem(self, shown: FrameImages, rectangle: Rectangle, pose: Pose) -> FrameProblem:
         return build_problem(
-            shown.images, rectangle, self.cameras, shown.frame, np.asarray(skin(self.character, pose)), self.observations.surface
-        )  # fmt: skip
+            shown.images,
+            rectangle,
+            self.cameras,
+            shown.frame,
+            np.asarray(skin(self.character, pose)),
+            self.observations.surface,
+        )
 
     def score(self, problem: FrameProblem, base: Pose, poses: list[Pose]) -> tuple[np.ndarray, np.ndarray]:
         """Eq. 5 of some poses on the full problem: totals, and terms (pose, term)."""
         root = self.groups[0]
         increments = jnp.stack([difference(self.character.skeleton, base, pose) for pose in poses])
         while True:
-            scores = _score(self.tracker.search_energy, self.character, root.part, base, problem, increments, root.sizes.capacity)
+            scores = _score(
+                self.tracker.search_energy, self.character, root.part, base, problem, increments, root.sizes.capacity
+            )
             needed = int(scores.needed)
             if needed <= root.sizes.capacity:
                 return np.asarray(scores.total), np.asarray(scores.terms)
@@ -213,26 +236,42 @@ class FrameTracker:
                 vertices, ids, inverse = draw(self.character, pose, problem)
                 lines = contour_lines(vertices, self.character.faces, ids, inverse, problem, plan.contours)
                 weights = plan.weights
-                rows = [Rows(lines, weights.residual_scale / jnp.sqrt(jnp.maximum(weights.contour, 1e-9)), widen * weights.robust)]
+                rows = [
+                    Rows(
+                        lines,
+                        weights.residual_scale / jnp.sqrt(jnp.maximum(weights.contour, 1e-9)),
+                        widen * weights.robust,
+                    )
+                ]
                 if plan.surface_flow:
                     rows += self._surface_rows(vertices, ids, crops, shown.frame, problem, plan, widen)
                 delta = difference(self.character.skeleton, base, pose)
-                delta, hessian = descend(self.character, base, delta, tuple(rows), (), prior, plan.refiner, steps=plan.steps)
+                delta, hessian = descend(
+                    self.character, base, delta, tuple(rows), (), prior, plan.refiner, steps=plan.steps
+                )
                 pose = retract(self.character.skeleton, base, delta)
         return pose, np.asarray(hessian) if hessian is not None else None
 
-    def _surface_rows(self, vertices, ids, crops, frame: int, problem: FrameProblem, plan: RefinePlan, widen: float) -> list[Rows]:
+    def _surface_rows(
+        self, vertices, ids, crops, frame: int, problem: FrameProblem, plan: RefinePlan, widen: float
+    ) -> list[Rows]:
         cameras = range(problem.num_cameras)
         sources = self._selected_sources(frame)
         origins = np.asarray(problem.origins)
         for m in cameras:
             sources[m] = sources[m] + [
                 Source(
-                    self._padded(crops[n], origins[n]), problem.intrinsics[n], problem.cam_from_world[n], vertices, ids[n],
-                    (int(origins[n, 0]), int(origins[n, 1])), same_time=True,
-                )  # fmt: skip
-                for n in cameras if n != m
-            ]  # fmt: skip
+                    self._padded(crops[n], origins[n]),
+                    problem.intrinsics[n],
+                    problem.cam_from_world[n],
+                    vertices,
+                    ids[n],
+                    (int(origins[n, 0]), int(origins[n, 1])),
+                    same_time=True,
+                )
+                for n in cameras
+                if n != m
+            ]
         flows = surface_flow(self.character, vertices, ids, crops, problem, sources, plan.flow)
         scale = plan.weights.residual_scale / jnp.sqrt(jnp.maximum(plan.weights.surface, 1e-9))
         return [Rows(lines, scale, widen * plan.weights.robust) for lines in flows]
@@ -273,7 +312,9 @@ class FrameTracker:
         assert self.last is not None
         clock = Clock()
         previous = self.last[1]
-        start, speed = self.flow_start(shown, clock) if self.tracker.flow_start else (previous, np.zeros(len(shown.images)))
+        start, speed = (
+            self.flow_start(shown, clock) if self.tracker.flow_start else (previous, np.zeros(len(shown.images)))
+        )
         problem, rectangle = self._problem(shown, start, speed, clock)
         candidates = [previous, start]
         if shown.frame in self.observations.key_poses:
@@ -292,7 +333,9 @@ class FrameTracker:
             edges = self.tracker.refine.edges if self.tracker.refine is not None else "canny"
             return self.observations.problem(shown, self.rectangle, pose, edges), self.rectangle
 
-    def _finish(self, shown: FrameImages, problem: FrameProblem, pose: Pose, deviation, hessian, clock: Clock) -> FrameResult:
+    def _finish(
+        self, shown: FrameImages, problem: FrameProblem, pose: Pose, deviation, hessian, clock: Clock
+    ) -> FrameResult:
         with clock.stage("score"):
             _, terms = self.score(problem, pose, [pose])
             _, ids, _ = draw(self.character, pose, problem)
@@ -300,7 +343,9 @@ class FrameTracker:
             moved = difference(self.character.skeleton, self.last[1], pose) if self.last is not None else jnp.zeros(39)
             seconds = abs(shown.timestamp - self.last[0].timestamp) if self.last is not None else 1.0
             speed = float(jnp.linalg.norm(moved[:3])) / max(seconds, 1e-3)
-            verdict = judge(self.character, self.face_bodies, np.asarray(ids), np.asarray(costs), speed, self.tracker.verdict)
+            verdict = judge(
+                self.character, self.face_bodies, np.asarray(ids), np.asarray(costs), speed, self.tracker.verdict
+            )
         names = [term.name for term in self.tracker.search_energy.terms]
         if self.last is not None:
             self.increments = [*self.increments, np.asarray(moved)][-30:]
@@ -308,5 +353,13 @@ class FrameTracker:
         energy = {name: float(value) for name, value in zip(names, terms[0], strict=True)}
         energy["covered"] = verdict.covered_cost
         return FrameResult(
-            shown.frame, shown.timestamp, pose, energy, verdict.confidence, verdict.status, deviation, hessian, clock.seconds
-        )  # fmt: skip
+            shown.frame,
+            shown.timestamp,
+            pose,
+            energy,
+            verdict.confidence,
+            verdict.status,
+            deviation,
+            hessian,
+            clock.seconds,
+        )

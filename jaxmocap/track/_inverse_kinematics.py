@@ -15,10 +15,26 @@ from jaxmocap.refiners import AbstractRefiner, RefineProblem
 from ._least_squares import LandmarkRays
 
 BODY_25 = {
-    0: ("nose",), 1: ("l_shoulder", "r_shoulder"), 2: ("r_shoulder",), 3: ("r_elbow",), 4: ("r_wrist",), 5: ("l_shoulder",),
-    6: ("l_elbow",), 7: ("l_wrist",), 8: ("l_hip", "r_hip"), 9: ("r_hip",), 10: ("r_knee",), 11: ("r_ankle",), 12: ("l_hip",),
-    13: ("l_knee",), 14: ("l_ankle",), 19: ("l_toe",), 21: ("l_heel",), 22: ("r_toe",), 24: ("r_heel",),
-}  # fmt: skip
+    0: ("nose",),
+    1: ("l_shoulder", "r_shoulder"),
+    2: ("r_shoulder",),
+    3: ("r_elbow",),
+    4: ("r_wrist",),
+    5: ("l_shoulder",),
+    6: ("l_elbow",),
+    7: ("l_wrist",),
+    8: ("l_hip", "r_hip"),
+    9: ("r_hip",),
+    10: ("r_knee",),
+    11: ("r_ankle",),
+    12: ("l_hip",),
+    13: ("l_knee",),
+    14: ("l_ankle",),
+    19: ("l_toe",),
+    21: ("l_heel",),
+    22: ("r_toe",),
+    24: ("r_heel",),
+}
 """Which landmarks, averaged, an OpenPose BODY_25 point is."""
 
 LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3}
@@ -26,7 +42,11 @@ LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3}
 
 
 def keypoint_rays(
-    character: Character, view: View, keypoints: list[Float[np.ndarray, "25 3"] | None], scale: float = 0.02, robust: float = 0.1
+    character: Character,
+    view: View,
+    keypoints: list[Float[np.ndarray, "25 3"] | None],
+    scale: float = 0.02,
+    robust: float = 0.1,
 ) -> LandmarkRays:
     """Rows for every keypoint found in every view. `scale` metres count as 1, beyond `robust` metres a point fades."""
     names = character.skeleton.landmark_names
@@ -34,7 +54,9 @@ def keypoint_rays(
     for camera, points in enumerate(keypoints):
         if points is None:
             continue
-        _, found, moments = rays(view.intrinsics[camera], view.cam_from_world[camera], jnp.asarray(points[:, :2], jnp.float32))
+        _, found, moments = rays(
+            view.intrinsics[camera], view.cam_from_world[camera], jnp.asarray(points[:, :2], jnp.float32)
+        )
         for index, parts in BODY_25.items():
             if points[index, 2] <= 0 or any(part not in names for part in parts):
                 continue
@@ -47,8 +69,13 @@ def keypoint_rays(
             weight.append(float(points[index, 2]) * LOOSE.get(index, 1.0))
     if not mix:
         return LandmarkRays(
-            jnp.zeros((1, len(names))), jnp.zeros((1, 3)), jnp.zeros((1, 3)), jnp.zeros(1), jnp.asarray(scale), jnp.asarray(robust)
-        )  # fmt: skip
+            jnp.zeros((1, len(names))),
+            jnp.zeros((1, 3)),
+            jnp.zeros((1, 3)),
+            jnp.zeros(1),
+            jnp.asarray(scale),
+            jnp.asarray(robust),
+        )
     stacked = (jnp.asarray(np.stack(v), jnp.float32) for v in (mix, direction, moment))
     return LandmarkRays(*stacked, jnp.asarray(weight, jnp.float32), jnp.asarray(scale), jnp.asarray(robust))
 
@@ -105,8 +132,8 @@ def inverse_kinematics(
     points, known = triangulated(view, keypoints)
     if known.sum() < 3:
         raise InputError(
-            f"{where or 'the keypoints'}: {int(known.sum())} keypoints are seen by two cameras, but three are needed to place "
-            "the person; add keypoints for this frame in a second camera, or give the pose of the first frame with --pose."
+            f"{where or 'the keypoints'}: {int(known.sum())} keypoints are seen by two cameras, three are needed to "
+            "place the person; add keypoints for this frame in a second camera, or give the pose with --pose."
         )
     lines = keypoint_rays(character, view, keypoints)
     skeleton = character.skeleton
@@ -149,8 +176,12 @@ def _solve_starts(
     def one(start: Array) -> tuple[Array, Array]:
         problem = RefineProblem(
             residual=lambda d: lines(character, retract(skeleton, base, d)),
-            prior=jnp.zeros(39), lower=lower, upper=upper, l1=jnp.zeros(39), prior_weight=weight,
-        )  # fmt: skip
+            prior=jnp.zeros(39),
+            lower=lower,
+            upper=upper,
+            l1=jnp.zeros(39),
+            prior_weight=weight,
+        )
         done = refiner.refine(problem, start)
         return done.value, done.objective
 

@@ -55,8 +55,10 @@ def free_prior(character: Character, base: Pose, weight: float | Array = 1e-3) -
     return Prior(
         jnp.concatenate([-far, skeleton.lower - base.angles]),
         jnp.concatenate([far, skeleton.upper - base.angles]),
-        jnp.zeros(39), jnp.broadcast_to(jnp.asarray(weight, jnp.float32), (39,)), jnp.zeros(39),
-    )  # fmt: skip
+        jnp.zeros(39),
+        jnp.broadcast_to(jnp.asarray(weight, jnp.float32), (39,)),
+        jnp.zeros(39),
+    )
 
 
 class Step(NamedTuple):
@@ -93,8 +95,8 @@ def gauss_newton_step(
     damping: Float[Array, ""],
     refiner: AbstractRefiner,
 ) -> Step:
-    """Linearise all rows at `delta` (an increment of `base`), solve with the L1, the prior and the box, and say what the
-    true objective does. The normal equations are compressed to 39 rows, so any refiner is cheap."""
+    """Linearise all rows at `delta` (an increment of `base`), solve with the L1, the prior and the box, and say what
+    the true objective does. The normal equations are compressed to 39 rows, so any refiner is cheap."""
     residual = _residual(character, base, rows, landmarks)
     value = residual(delta)
     jacobian = jax.jacfwd(residual)(delta)
@@ -105,9 +107,14 @@ def gauss_newton_step(
     factor = jnp.linalg.cholesky(damped).T
     target = delta - jax.scipy.linalg.cho_solve((factor, False), slope)
     problem = RefineProblem(
-        residual=lambda d: factor @ (d - target), jacobian=lambda d: factor,
-        prior=prior.target, lower=prior.lower, upper=prior.upper, l1=prior.l1, prior_weight=prior.weight,
-    )  # fmt: skip
+        residual=lambda d: factor @ (d - target),
+        jacobian=lambda d: factor,
+        prior=prior.target,
+        lower=prior.lower,
+        upper=prior.upper,
+        l1=prior.l1,
+        prior_weight=prior.weight,
+    )
     moved = refiner.refine(problem, delta).value
 
     def objective(d: Array, rest: Array) -> Array:
@@ -131,7 +138,9 @@ def descend(
     """A few accepted Gauss-Newton steps with fixed correspondences; returns the increment and the last J^T J."""
     step = None
     for _ in range(steps):
-        step = gauss_newton_step(character, base, delta, rows, landmarks, prior, jnp.asarray(damping, jnp.float32), refiner)
+        step = gauss_newton_step(
+            character, base, delta, rows, landmarks, prior, jnp.asarray(damping, jnp.float32), refiner
+        )
         if float(step.after) <= float(step.before) * (1 + 1e-6):
             moved = float(jnp.abs(step.delta - delta).max())
             delta, damping = step.delta, damping / 3

@@ -1,4 +1,5 @@
-"""Registration of the mesh at the selected frames (sec. 3.2): keypoints, then contours and masks, then search if needed."""
+"""Registration of the mesh at the selected frames (sec. 3.2): keypoints, then contours and masks, then search if
+needed."""
 
 import json
 from dataclasses import dataclass, field
@@ -73,7 +74,8 @@ def apply_overrides(character: Character, pose: Pose, values: dict[str, float]) 
     for name, value in values.items():
         if name not in skeleton.dof_names:
             raise InputError(
-                f"the pose file sets '{name}', which is no degree of freedom; the names are {', '.join(skeleton.dof_names)}."
+                f"the pose file sets '{name}', which is no degree of freedom; the names are "
+                f"{', '.join(skeleton.dof_names)}."
             )
         index = skeleton.dof_names.index(name)
         vector[index] = value if index < 3 else np.deg2rad(value)
@@ -106,7 +108,9 @@ def read_pose_file(path: str | Path) -> Overrides:
             raise InputError(f"{expected}; found the entry {frame!r}.")
         for name, value in values.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-                raise InputError(f"the pose file {path} gives {name} at frame {frame} the value {value!r}; a number is expected.")
+                raise InputError(
+                    f"the pose file {path} gives {name} at frame {frame} the value {value!r}; a number is expected."
+                )
         overrides[int(frame)] = {name: float(value) for name, value in values.items()}
     return overrides
 
@@ -119,7 +123,11 @@ def intersection_over_union(ids: np.ndarray, mask: Bool[np.ndarray, "height widt
 
 
 def frame_rectangle(
-    vertices: np.ndarray, cameras: Cameras, frame: int, previous: Rectangle | None = None, speed: np.ndarray | None = None
+    vertices: np.ndarray,
+    cameras: Cameras,
+    frame: int,
+    previous: Rectangle | None = None,
+    speed: np.ndarray | None = None,
 ) -> Rectangle:
     """The rectangle around a posed mesh in every view."""
     view = cameras.at(frame)
@@ -127,7 +135,9 @@ def frame_rectangle(
     for camera, name in enumerate(cameras.names):
         box = projected_box(vertices, np.asarray(view.intrinsics[camera]), np.asarray(view.cam_from_world[camera]))
         if box is None:
-            raise InputError(f"the person lies behind camera '{name}' at frame {frame}; check the cameras and the keypoints.")
+            raise InputError(
+                f"the person lies behind camera '{name}' at frame {frame}; check the cameras and the keypoints."
+            )
         boxes.append(box)
     still = np.zeros(cameras.num_cameras) if speed is None else speed
     return place_rectangle(np.stack(boxes), still, cameras.sizes, previous, cameras.names)
@@ -139,7 +149,7 @@ def draw(character: Character, pose: Pose, problem: FrameProblem) -> tuple[Array
     height, width = problem.size
     ids, inverse = face_ids(
         vertices, character.faces, problem.intrinsics, problem.cam_from_world, problem.origins, height, width
-    )  # fmt: skip
+    )
     return vertices, ids, inverse
 
 
@@ -159,20 +169,35 @@ def fit_to_masks(
 ) -> Pose:
     """Local optimisation of Gall et al. 2009: contour points to the mask outline, re-associated every round."""
     for round_index in range(settings.rounds):
-        contours = ContourSettings(reach=30 if round_index < 3 else 15, capacity=2048, accept_cosine=0.5, accept_score=0.8)
+        contours = ContourSettings(
+            reach=30 if round_index < 3 else 15, capacity=2048, accept_cosine=0.5, accept_score=0.8
+        )
         vertices, ids, inverse = draw(character, pose, problem)
         lines = contour_lines(vertices, character.faces, ids, inverse, problem, contours)
         prior = free_prior(character, pose, jnp.concatenate([jnp.full(6, 0.5), jnp.full(33, 3.0)]))
         rows = (Rows(lines, 0.02, 0.03 if round_index < 5 else 0.015),)
         delta, _ = descend(
-            character, pose, jnp.zeros(39), rows, landmarks, _frozen(prior, fixed), settings.refiner, steps=3, damping=1e-3
+            character,
+            pose,
+            jnp.zeros(39),
+            rows,
+            landmarks,
+            _frozen(prior, fixed),
+            settings.refiner,
+            steps=3,
+            damping=1e-3,
         )
         pose = retract(character.skeleton, pose, delta)
     return pose
 
 
 def search_silhouettes(
-    character: Character, pose: Pose, problem: FrameProblem, masks: Float[Array, "camera height width"], key: PRNGKeyArray, fixed: list[int]
+    character: Character,
+    pose: Pose,
+    problem: FrameProblem,
+    masks: Float[Array, "camera height width"],
+    key: PRNGKeyArray,
+    fixed: list[int],
 ) -> Pose:
     """Annealing on the silhouette energy, group by group."""
     energy = SearchEnergy((Silhouette(masks),))
@@ -180,7 +205,9 @@ def search_silhouettes(
     spread[fixed] = 0.0
     for number, search in enumerate(group_searches(character)):
         sampler = InteractingSimulatedAnnealing(num_particles=particles_for(len(search.dofs)), num_iterations=15)
-        result = search((Stage(energy, 1, 15),), sampler, character, pose, problem, spread, jax.random.fold_in(key, number))
+        result = search(
+            (Stage(energy, 1, 15),), sampler, character, pose, problem, spread, jax.random.fold_in(key, number)
+        )
         pose = retract(character.skeleton, pose, result.increment)
     return pose
 
@@ -202,20 +229,39 @@ def fit_between_views(
         host_ids = np.asarray(ids)
         origins = np.asarray(problem.origins)
         views = [
-            Source(_embed(crops[c], origins[c]), problem.intrinsics[c], problem.cam_from_world[c], vertices, host_ids[c],
-                   (int(origins[c, 0]), int(origins[c, 1])), same_time=True)
+            Source(
+                _embed(crops[c], origins[c]),
+                problem.intrinsics[c],
+                problem.cam_from_world[c],
+                vertices,
+                host_ids[c],
+                (int(origins[c, 0]), int(origins[c, 1])),
+                same_time=True,
+            )
             for c in cameras
-        ]  # fmt: skip
+        ]
         sources = [[views[n] for n in cameras if n != m] + (extra[m] if extra else []) for m in cameras]
         flows = surface_flow(character, vertices, ids, crops, problem, sources, FlowSettings())
         contours = contour_lines(
-            vertices, character.faces, ids, inverse, problem,
+            vertices,
+            character.faces,
+            ids,
+            inverse,
+            problem,
             ContourSettings(reach=12, capacity=2048, accept_cosine=0.5, accept_score=0.8),
-        )  # fmt: skip
+        )
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
         prior = free_prior(character, pose, jnp.concatenate([jnp.full(6, 0.2), jnp.full(33, 0.8)]))
         delta, _ = descend(
-            character, pose, jnp.zeros(39), rows, landmarks, _frozen(prior, fixed), settings.refiner, steps=3, damping=1e-3
+            character,
+            pose,
+            jnp.zeros(39),
+            rows,
+            landmarks,
+            _frozen(prior, fixed),
+            settings.refiner,
+            steps=3,
+            damping=1e-3,
         )
         pose = retract(character.skeleton, pose, delta)
     return pose
@@ -249,9 +295,10 @@ def register_frame(
     rms = float("nan")
     if start is None and all(points is None for points in keypoints):
         if not overrides:
+            name = f"{capture.camera_names[0]}_{int(capture.video_frames[0, frame]):05d}_keypoints.json"
             raise InputError(
-                f"frame {frame} of capture '{capture.name}' has no keypoints and no initial pose; add keypoints of this frame in "
-                f"two cameras ({capture.camera_names[0]}_{int(capture.video_frames[0, frame]):05d}_keypoints.json), or give its pose with --pose."
+                f"frame {frame} of capture '{capture.name}' has no keypoints and no initial pose; add keypoints of "
+                f"this frame in two cameras ({name} and so on), or give its pose with --pose."
             )
         start = rest_pose(character.skeleton)
     if start is None:
@@ -268,13 +315,20 @@ def register_frame(
     masks = [capture.mask(c, frame) for c in views]
     if surface is None:
         surface = surface_of(character, None, cameras.num_cameras)
-    rectangle = frame_rectangle(np.asarray(skin(character, pose)), cameras, frame, speed=np.full(cameras.num_cameras, 30.0))
+    rectangle = frame_rectangle(
+        np.asarray(skin(character, pose)), cameras, frame, speed=np.full(cameras.num_cameras, 30.0)
+    )
     cropped = [None if m is None else rectangle.crop(m, c) for c, m in enumerate(masks)]
     edges = [mask_edges(m) if m is not None else None for m in cropped]
     problem = build_problem(images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface)
     if any(e is not None for e in edges):
-        known = [e if e is not None else (np.asarray(problem.edges.mask[c]), np.asarray(problem.edges.gradient[c])) for c, e in enumerate(edges)]
-        problem = build_problem(images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface, edges=known)
+        known = [
+            e if e is not None else (np.asarray(problem.edges.mask[c]), np.asarray(problem.edges.gradient[c]))
+            for c, e in enumerate(edges)
+        ]
+        problem = build_problem(
+            images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface, edges=known
+        )
     pose = fit_to_masks(character, pose, problem, landmarks, settings, fixed)
     searched = False
     agreement = _agreement(character, pose, problem, cropped)
@@ -317,8 +371,15 @@ def register(
     surface = surface_of(character, None, cameras.num_cameras)
     return {
         frame: register_frame(
-            capture, cameras, character, frame, key=jax.random.fold_in(key, frame), surface=surface, start=start,
-            overrides=(overrides or {}).get(frame), settings=settings,
-        )  # fmt: skip
+            capture,
+            cameras,
+            character,
+            frame,
+            key=jax.random.fold_in(key, frame),
+            surface=surface,
+            start=start,
+            overrides=(overrides or {}).get(frame),
+            settings=settings,
+        )
         for frame in frames
     }

@@ -1,4 +1,5 @@
-"""The sample-based search of sec. 4.1: one group of DoFs at a time, a whole generation of particles per compiled call."""
+"""The sample-based search of sec. 4.1: one group of DoFs at a time, a whole generation of particles per compiled
+call."""
 
 from dataclasses import dataclass, field, replace
 
@@ -30,7 +31,16 @@ ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 
 def initial_spread(character: Character) -> Float[np.ndarray, "dof"]:
     """Standard deviation of the first particles per DoF, metres and radians, for a subject that moves at 1 m/s."""
-    degrees = {"clav": 4.0, "lumbar": 6.0, "thorax": 6.0, "neck": 6.0, "shoulder": 12.0, "hip": 12.0, "elbow": 15.0, "knee": 15.0}
+    degrees = {
+        "clav": 4.0,
+        "lumbar": 6.0,
+        "thorax": 6.0,
+        "neck": 6.0,
+        "shoulder": 12.0,
+        "hip": 12.0,
+        "elbow": 15.0,
+        "knee": 15.0,
+    }
     spread = np.full(39, np.deg2rad(10.0))
     spread[:3], spread[3:6] = 0.04, np.deg2rad(6.0)
     for index, name in enumerate(character.skeleton.dof_names):
@@ -78,8 +88,16 @@ class _ParticleEnergy(eqx.Module):
         increments = jnp.zeros((values.shape[0], 39)).at[:, self.part.dofs].set(values)
         region = Region(self.corners, self.size)
         scores = score_particles(
-            self.energy, self.character, self.part, self.pose, self.problem, region, self.base, increments, self.capacity
-        )  # fmt: skip
+            self.energy,
+            self.character,
+            self.part,
+            self.pose,
+            self.problem,
+            region,
+            self.base,
+            increments,
+            self.capacity,
+        )
         return jnp.where(scores.needed > self.capacity, jnp.nan, scores.total)
 
 
@@ -91,7 +109,9 @@ def particle_boxes(
 
     def box(delta: Array) -> Array:
         vertices = part.posed(character, retract(character.skeleton, pose, delta))
-        homogeneous = jnp.einsum("cij,vj->cvi", problem.projection[:, :, :3], vertices) + problem.projection[:, None, :, 3]
+        homogeneous = (
+            jnp.einsum("cij,vj->cvi", problem.projection[:, :, :3], vertices) + problem.projection[:, None, :, 3]
+        )
         depth = jnp.maximum(homogeneous[..., 2:], 0.05)
         pixels = homogeneous[..., :2] / depth - problem.origins[:, None, ::-1]
         return jnp.concatenate([pixels.min(1), pixels.max(1)], -1)
@@ -101,7 +121,9 @@ def particle_boxes(
 
 
 @eqx.filter_jit
-def _search(stages, sampler, character, part, pose, problem, corners, size, capacity, base_capacity, spread, lower, upper, key):
+def _search(
+    stages, sampler, character, part, pose, problem, corners, size, capacity, base_capacity, spread, lower, upper, key
+):
     energies, needed_base, needed_far = [], [], []
     for stage in stages:
         coarse = problem.coarser(stage.step)
@@ -109,7 +131,7 @@ def _search(stages, sampler, character, part, pose, problem, corners, size, capa
         base = prepare_base(stage.energy, character, part, pose, coarse, region, base_capacity)
         energy = _ParticleEnergy(
             stage.energy, character, part, pose, coarse, region.corners, base, region.size, capacity
-        )  # fmt: skip
+        )
         energies.append((energy, stage.iterations))
         needed_base.append(base.needed)
         needed_far.append(base.needed_far)
@@ -193,14 +215,32 @@ class GroupSearch:
         corners = jnp.asarray(self.place_region(boxes, problem))
         sizes = self.sizes
         while True:
-            sized = tuple(replace(stage, energy=with_far_capacity(stage.energy, sizes.far_capacity)) for stage in stages)
+            sized = tuple(
+                replace(stage, energy=with_far_capacity(stage.energy, sizes.far_capacity)) for stage in stages
+            )
             result = _search(
-                sized, sampler, character, self.part, pose, problem, corners, sizes.region, sizes.capacity,
-                sizes.base_capacity, jnp.asarray(spread, jnp.float32), lower, upper, key,
-            )  # fmt: skip
+                sized,
+                sampler,
+                character,
+                self.part,
+                pose,
+                problem,
+                corners,
+                sizes.region,
+                sizes.capacity,
+                sizes.base_capacity,
+                jnp.asarray(spread, jnp.float32),
+                lower,
+                upper,
+                key,
+            )
             result = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)), result)
             needed, needed_base, needed_far = int(result.needed), int(result.needed_base), int(result.needed_far)
-            if 1.1 * needed <= sizes.capacity and needed_base <= sizes.base_capacity and needed_far <= sizes.far_capacity:
+            if (
+                1.1 * needed <= sizes.capacity
+                and needed_base <= sizes.base_capacity
+                and needed_far <= sizes.far_capacity
+            ):
                 return result
             sizes.capacity = max(sizes.capacity, _power(1.2 * needed))
             sizes.base_capacity = max(sizes.base_capacity, _power(1.1 * needed_base))

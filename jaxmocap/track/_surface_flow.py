@@ -2,8 +2,8 @@
 
 A source picture (the same camera at a selected frame or at the last frame, or another camera at this frame) is carried
 through the mesh into the current view at the current pose; the dense flow from that prediction to the real image says
-where each visible surface point should be. With selected frames as sources this does not drift; with the other camera as
-source it is view-view consistency (Eq. 7) in least-squares form; with the last frame it is the flow tracking of the
+where each visible surface point should be. With selected frames as sources this does not drift; with the other camera
+as source it is view-view consistency (Eq. 7) in least-squares form; with the last frame it is the flow tracking of the
 paper's [4].
 """
 
@@ -39,8 +39,9 @@ class Source:
 
 @dataclass(frozen=True)
 class FlowSettings:
-    """`samples` rows per view and source; pixels nearer than `margin` to the silhouette are left out, grazing faces below
-    `facing` too; `colour` is the largest grey difference (0..1) of a match; `longest` the longest flow in pixels."""
+    """`samples` rows per view and source; pixels nearer than `margin` to the silhouette are left out, grazing faces
+    below `facing` too; `colour` is the largest grey difference (0..1) of a match; `longest` the longest flow in
+    pixels."""
 
     samples: int = 800
     margin: int = 3
@@ -51,7 +52,20 @@ class FlowSettings:
 
 
 @eqx.filter_jit
-def _carry(vertices, faces, ids, intrinsics, cam_from_world, origin, source_vertices, source_k, source_t, source_ids, source_origin, near):
+def _carry(
+    vertices,
+    faces,
+    ids,
+    intrinsics,
+    cam_from_world,
+    origin,
+    source_vertices,
+    source_k,
+    source_t,
+    source_ids,
+    source_origin,
+    near,
+):
     """Source pixel of every pixel of the rectangle, and whether the same surface is seen there."""
     height, width = ids.shape
     rows, columns = jnp.meshgrid(jnp.arange(height), jnp.arange(width), indexing="ij")
@@ -78,7 +92,9 @@ def _carry(vertices, faces, ids, intrinsics, cam_from_world, origin, source_vert
     source_pixel = projected[:, :2] / depth[:, None]
     column = jnp.floor(source_pixel[:, 0]).astype(jnp.int32) - source_origin[1]
     row = jnp.floor(source_pixel[:, 1]).astype(jnp.int32) - source_origin[0]
-    inside = (column >= 0) & (row >= 0) & (column < source_ids.shape[1]) & (row < source_ids.shape[0]) & (local[:, 2] > 0.05)
+    inside = (
+        (column >= 0) & (row >= 0) & (column < source_ids.shape[1]) & (row < source_ids.shape[0]) & (local[:, 2] > 0.05)
+    )
     other = source_ids[jnp.clip(row, 0, source_ids.shape[0] - 1), jnp.clip(column, 0, source_ids.shape[1] - 1)]
     seen = (flat >= 0) & inside & (other >= 0) & are_near(near, face, jnp.maximum(other, 0))
     return source_pixel.reshape(height, width, 2), seen.reshape(height, width), cosine.reshape(height, width)
@@ -97,8 +113,8 @@ def surface_flow(
     sources: list[list[Source]],
     settings: FlowSettings,
 ) -> list[SurfaceLines]:
-    """Rows for every view and source: `images` are the rectangles of the current frame, `sources[camera]` a list in order
-    of preference; a pixel uses every source that sees it."""
+    """Rows for every view and source: `images` are the rectangles of the current frame, `sources[camera]` a list in
+    order of preference; a pixel uses every source that sees it."""
     host_ids = np.asarray(ids)
     greys = [_grey(image) for image in images]
     jobs = [(camera, source) for camera in range(problem.num_cameras) for source in sources[camera]]
@@ -116,9 +132,18 @@ def _one_source(character, vertices, ids, target, camera, problem, source, setti
     view = (problem.intrinsics[camera], problem.cam_from_world[camera])
     origin = problem.origins[camera]
     source_pixel, seen, cosine = _carry(
-        vertices, character.faces, ids, *view, origin, source.vertices, source.intrinsics, source.cam_from_world,
-        source.ids, jnp.asarray(source.origin), problem.surface.near_faces,
-    )  # fmt: skip
+        vertices,
+        character.faces,
+        ids,
+        *view,
+        origin,
+        source.vertices,
+        source.intrinsics,
+        source.cam_from_world,
+        source.ids,
+        jnp.asarray(source.origin),
+        problem.surface.near_faces,
+    )
     source_pixel, seen, cosine = np.array(source_pixel), np.asarray(seen), np.asarray(cosine)
     weight, moved = np.zeros(ids.shape, np.float32), np.zeros((*ids.shape, 2), np.float32)
     picked = np.zeros(settings.samples, np.int64)
@@ -175,7 +200,7 @@ def usable(
     size = 2 * settings.margin + 1
     good = cv2.erode(seen.astype(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
     good &= (cosine > settings.facing) & flow_agrees(forward, backward)
-    good &= (np.linalg.norm(forward, axis=-1) < settings.longest)
+    good &= np.linalg.norm(forward, axis=-1) < settings.longest
     height, width = target.shape
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     there = sample_picture(target, columns + forward[..., 0], rows + forward[..., 1])

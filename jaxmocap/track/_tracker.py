@@ -22,8 +22,9 @@ Quality = Literal["draft", "normal", "paper"]
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """Effort of the annealing: `stages` are (every step-th pixel, iterations) from coarse to fine; `particles` per group
-    (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `answer` "mean" is the paper's."""
+    """Effort of the annealing: `stages` are (every step-th pixel, iterations) from coarse to fine; `particles` per
+    group (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `answer` "mean" is the
+    paper's."""
 
     stages: tuple[tuple[int, int], ...] = ((1, 25),)
     particles: int | None = None
@@ -59,8 +60,8 @@ class RefineWeights(eqx.Module):
 class RefinePlan:
     """The local refinement: `rounds` of association and solving; `robust_start` widens the robust scale of the first
     round, halved every round; `edges` is where contours look for their edge, the
-    Canny picture (the paper) or the outline of what is not background; `surface_flow` adds to the paper's contour rows the
-    correspondences carried over the surface from the selected frames and the other views."""
+    Canny picture (the paper) or the outline of what is not background; `surface_flow` adds to the paper's contour rows
+    the correspondences carried over the surface from the selected frames and the other views."""
 
     rounds: int = 6
     steps: int = 2
@@ -91,16 +92,19 @@ class Tracker:
 
     @staticmethod
     def preset(quality: Quality = "normal") -> "Tracker":
-        """Settings by name: "paper" is the published method and budget, "normal" the best accuracy per second, "draft" a
-        quick look."""
+        """Settings by name: "paper" is the published method and budget, "normal" the best accuracy per second, "draft"
+        a quick look."""
         if quality == "paper":
             return Tracker()
         fast = search_energy(uncovered_scale=2.0, step=2, sampling="nearest")
         plan = RefinePlan(
-            edges="background", surface_flow=True, rounds=4, robust_start=4.0,
+            edges="background",
+            surface_flow=True,
+            rounds=4,
+            robust_start=4.0,
             weights=RefineWeights(regularisation=0.3, residual_scale=0.02, prior=0.3, robust=0.015),
             contours=ContourSettings(reach=10),
-        )  # fmt: skip
+        )
         if quality == "normal":
             return Tracker(fast, SearchPlan(((2, 12),), particles=64, spread=0.6), plan)
         if quality == "draft":
