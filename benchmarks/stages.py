@@ -1,0 +1,114 @@
+"""Seconds per frame by stage, start-up apart, with the accuracy beside them and the peak memory.
+
+    python benchmarks/stages.py ../shared/data/plaza --frames 0:20 --quality normal --out stages.json
+
+Every figure is a small record: metric, value, unit, direction ("lower" is better), tolerance (relative, for `--gate`).
+`--gate BASELINE.json` exits with 1 when a figure is worse than the baseline by more than its tolerance. Times are
+medians over the frames after the first two, which compile. Ratios hold within one run only: machines differ, and are noisy.
+"""
+
+import argparse
+import json
+import os
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import jaxmocap
+
+jaxmocap.prepare()
+
+import numpy as np  # noqa: E402
+
+from jaxmocap._pipeline import track_capture  # noqa: E402
+from jaxmocap.metrics import evaluate  # noqa: E402
+
+TIME_TOLERANCE = 0.5
+ERROR_TOLERANCE = 0.1
+MEMORY_TOLERANCE = 0.2
+
+
+def record(metric: str, value: float, unit: str, tolerance: float) -> dict[str, object]:
+    """One figure; all of ours are better when lower."""
+    return {"metric": metric, "value": round(value, 4), "unit": unit, "direction": "lower", "tolerance": tolerance}
+
+
+def measure(capture: Path, frames: tuple[int, int] | None, quality: str, seed: int) -> list[dict[str, object]]:
+    """Track and read the figures off the report."""
+    begin = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "result"
+        motion = track_capture(capture, out, quality=quality, seed=seed, frames=frames, overlays=False)
+        wall = time.perf_counter() - begin
+        report = json.loads((out / "report.json").read_text())
+        truth = motion.provenance.get("truth")
+        scores = evaluate(out, truth) if truth else {}
+    per_frame = [verdict["seconds"] for verdict in report["verdicts"]]
+    settled = per_frame[2:] or per_frame
+    stages = sorted({name for seconds in settled for name in seconds})
+    totals = [sum(seconds.values()) for seconds in settled]
+    figures = [
+        record(f"seconds per frame, {n}", float(np.median([s.get(n, 0) for s in settled])), "s", TIME_TOLERANCE)
+        for n in stages
+    ]
+    figures.append(record("seconds per frame, all stages", float(np.median(totals)), "s", TIME_TOLERANCE))
+    figures.append(
+        record(
+            "seconds of the first tracked frame, compiling",
+            sum(per_frame[min(1, len(per_frame) - 1)].values()),
+            "s",
+            1.0,
+        )
+    )
+    figures.append(record("seconds of registration and appearance, compiling", report["seconds"]["prepare"], "s", 1.0))
+    figures.append(record("seconds in all", wall, "s", 1.0))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    figures.append(record("peak memory", peak, "GiB", MEMORY_TOLERANCE))
+    for name in ("marker_error_cm", "joint_error_cm"):
+        if name in scores:
+            figures.append(
+                record(
+                    f"{name.replace('_cm', '').replace('_', ' ')}, mean", scores[name]["mean"], "cm", ERROR_TOLERANCE
+                )
+            )
+    return figures
+
+
+def worse(figures: list[dict[str, object]], baseline: list[dict[str, object]]) -> list[str]:
+    """Sentences about figures beyond their tolerance."""
+    before = {entry["metric"]: float(entry["value"]) for entry in baseline}
+    return [
+        f"{f['metric']}: {f['value']} {f['unit']}, was {before[f['metric']]}"
+        for f in figures
+        if f["metric"] in before and float(f["value"]) > before[f["metric"]] * (1 + float(f["tolerance"])) + 1e-9
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("capture", type=Path)
+    parser.add_argument("--frames", help="A:B")
+    parser.add_argument("--quality", default="normal", choices=("draft", "normal", "paper"))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--gate", type=Path)
+    options = parser.parse_args()
+    frames = tuple(int(part) for part in options.frames.split(":")) if options.frames else None
+    figures = measure(options.capture, frames, options.quality, options.seed)
+    for figure in figures:
+        print(f"{figure['metric']:55s} {figure['value']:10.3f} {figure['unit']}")
+    if options.out:
+        options.out.write_text(
+            json.dumps({"cores": os.cpu_count(), "quality": options.quality, "figures": figures}, indent=1)
+        )
+    if options.gate:
+        complaints = worse(figures, json.loads(options.gate.read_text())["figures"])
+        print(*complaints, sep="\n", file=sys.stderr)
+        return 1 if complaints else 0
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
