@@ -209,7 +209,8 @@ class FrameTracker:
             with clock.stage(f"search {group.name}"):
                 key = jax.random.fold_in(jax.random.fold_in(self.key, frame), number)
                 sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs))
-                found = group(stages, sampler, self.character, pose, problem, spread, key)
+                wide = plan.wide if min(group.dofs) >= 13 else 0.0
+                found = group(stages, sampler, self.character, pose, problem, spread, key, wide)
                 deviation += np.asarray(found.deviation)
                 pose = retract(self.character.skeleton, pose, found.increment)
         return pose, deviation

@@ -120,8 +120,27 @@ def particle_boxes(
     return jnp.concatenate([boxes[..., :2].min(0), boxes[..., 2:].max(0)], -1)
 
 
+def wide_population(
+    key: PRNGKeyArray,
+    count: int,
+    spread: Float[Array, "group_dof"],
+    lower: Float[Array, "group_dof"],
+    upper: Float[Array, "group_dof"],
+) -> Float[Array, "extra group_dof"] | None:
+    """First particles for a limb that moves faster than expected, or that was lost: Gaussian with three times the spread,
+    and every other one drawn evenly from the whole box (not farther than twelve times the spread)."""
+    if count == 0:
+        return None
+    near_key, far_key = jax.random.split(key)
+    near = 3.0 * spread * jax.random.normal(near_key, (count, spread.shape[0]))
+    low, high = jnp.maximum(lower, -12 * spread), jnp.minimum(upper, 12 * spread)
+    far = jax.random.uniform(far_key, near.shape, minval=low, maxval=high)
+    return jnp.clip(jnp.where(jnp.arange(count)[:, None] % 2 == 0, near, far), lower, upper)
+
+
 @eqx.filter_jit
 def _search(
+    wide,
     stages, sampler, character, part, pose, problem, corners, size, capacity, base_capacity, spread, lower, upper, key
 ):
     energies, needed_base, needed_far = [], [], []
@@ -136,7 +155,9 @@ def _search(
         needed_base.append(base.needed)
         needed_far.append(base.needed_far)
     start = jnp.zeros(part.dofs.shape[0])
-    best, info = run(sampler, energies, start, spread[part.dofs], lower[part.dofs], upper[part.dofs], key)
+    box = (spread[part.dofs], lower[part.dofs], upper[part.dofs])
+    far = wide_population(jax.random.fold_in(key, 1), int(wide * sampler.num_particles), *box)
+    best, info = run(sampler, energies, start, *box, key, far)
     increment = jnp.zeros(39).at[part.dofs].set(best)
     whole = Region(corners, size)
     needed = []
@@ -202,15 +223,21 @@ class GroupSearch:
         problem: FrameProblem,
         spread: Float[np.ndarray, "dof"],
         key: PRNGKeyArray,
+        wide: float = 0.0,
     ) -> GroupResult:
-        """Search the group around `pose`. A capacity that overflows is enlarged and the search run again."""
+        """Search the group around `pose`. A capacity that overflows is enlarged and the search run again.
+
+        `wide` is the share of the first particles that look further afield, see `wide_population`.
+        """
         skeleton = character.skeleton
         free = jnp.array(ROOT_REACH)
         lower = jnp.concatenate([-free, skeleton.lower - pose.angles])
         upper = jnp.concatenate([free, skeleton.upper - pose.angles])
         cloud = np.zeros((2 * len(self.dofs) + 1, 39), np.float32)
         for row, dof in enumerate(self.dofs):
-            cloud[2 * row, dof], cloud[2 * row + 1, dof] = 1.7 * spread[dof], -1.7 * spread[dof]
+            reach = (1.7 if wide == 0 else 8.0) * spread[dof]
+            cloud[2 * row, dof] = min(reach, float(upper[dof]))
+            cloud[2 * row + 1, dof] = max(-reach, float(lower[dof]))
         boxes = np.asarray(particle_boxes(character, self.part, pose, problem, jnp.asarray(cloud)))
         corners = jnp.asarray(self.place_region(boxes, problem))
         sizes = self.sizes
@@ -219,6 +246,7 @@ class GroupSearch:
                 replace(stage, energy=with_far_capacity(stage.energy, sizes.far_capacity)) for stage in stages
             )
             result = _search(
+                wide,
                 sized,
                 sampler,
                 character,

@@ -23,12 +23,14 @@ Quality = Literal["draft", "normal", "paper"]
 @dataclass(frozen=True)
 class SearchPlan:
     """Effort of the annealing: `stages` are (every step-th pixel, iterations) from coarse to fine; `particles` per
-    group (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `answer` "mean" is the
+    group (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `wide` is the share
+    of a limb's first particles that look further afield (0 is the paper); `answer` "mean" is the
     paper's."""
 
     stages: tuple[tuple[int, int], ...] = ((1, 25),)
     particles: int | None = None
     spread: float = 1.0
+    wide: float = 0.0
     answer: Literal["mean", "best_if_better"] = "best_if_better"
 
     def sampler(self, num_dofs: int, sigma_min: Float[Array, "dof"]) -> InteractingSimulatedAnnealing:
@@ -106,9 +108,9 @@ class Tracker:
             contours=ContourSettings(reach=10),
         )
         if quality == "normal":
-            return Tracker(fast, SearchPlan(((2, 12),), particles=64, spread=0.6), plan)
+            return Tracker(fast, SearchPlan(((2, 12),), particles=96, spread=0.7, wide=0.5), plan)
         if quality == "draft":
-            return Tracker(fast, SearchPlan(((4, 6),), particles=32, spread=0.5), replace(plan, rounds=2))
+            return Tracker(fast, SearchPlan(((4, 8),), particles=48, spread=0.6, wide=0.5), replace(plan, rounds=2))
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
 
 
