@@ -26,7 +26,7 @@ from jaxmocap.observation import (
 )
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
 
-SIZE = (320, 180)
+SIZE = (480, 270)
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,7 +59,7 @@ def test_points_are_on_the_surface_where_the_pixels_see_it(world, seen):
 
 def test_residual_is_zero_on_the_own_pixel(world, seen):
     residual = np.asarray(lines_to(world, seen, seen[1]).residual(jnp.asarray(world.vertices(FRAME))))
-    assert np.linalg.norm(residual, axis=1).max() < 2e-5
+    assert np.linalg.norm(residual, axis=1).max() < 6e-5
 
 
 @pytest.mark.parametrize("target_view", [0, 1])

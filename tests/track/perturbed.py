@@ -1,0 +1,28 @@
+"""Poses a few degrees from the truth, and how far they are."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmocap.character import clamp, retract, skin
+
+LIMBS = ("shoulder_flex", "shoulder_abd", "elbow", "hip_flex", "hip_abd", "knee")
+
+
+def perturbed(world, frame, degrees, seed=0, kind="joints", metres=0.0):
+    """The true pose with `degrees` added or taken away: at the root, at all joints, or at the large joints of limbs."""
+    rng = np.random.default_rng(seed)
+    names = world.character.skeleton.dof_names
+    wanted = {
+        "root": lambda i, name: 3 <= i < 6,
+        "joints": lambda i, name: i >= 6,
+        "limbs": lambda i, name: any(part in name for part in LIMBS),
+    }[kind]
+    delta = np.array([wanted(i, name) for i, name in enumerate(names)]) * rng.choice([-1, 1], 39) * np.deg2rad(degrees)
+    delta[:3] = metres * rng.choice([-1, 1], 3)
+    skeleton = world.character.skeleton
+    return clamp(skeleton, retract(skeleton, world.pose(frame), jnp.asarray(delta, jnp.float32)))
+
+
+def vertex_errors(world, frame, pose):
+    """Metres, per vertex."""
+    return np.linalg.norm(np.asarray(skin(world.character, pose)) - world.vertices(frame), axis=1)

@@ -1,0 +1,101 @@
+"""The annealing of a limb on the real energy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from perturbed import vertex_errors
+
+from jaxmocap.character import clamp, retract
+from jaxmocap.energies import search_energy
+from jaxmocap.samplers import InteractingSimulatedAnnealing
+from jaxmocap.track import Stage, group_searches
+from jaxmocap.track._search import initial_spread
+
+FRAME = 2
+
+
+@pytest.fixture(scope="module")
+def searches(world):
+    return {search.name: search for search in group_searches(world.character)}
+
+
+@pytest.fixture(scope="module")
+def find(world, searches):
+    """(start, found pose, result) of a limb perturbed by ten degrees in every joint."""
+
+    def run(name, seed=0, key=3):
+        search, skeleton = searches[name], world.character.skeleton
+        delta = np.zeros(39, np.float32)
+        delta[list(search.dofs)] = np.deg2rad(np.random.default_rng(seed).choice([-10, 10], len(search.dofs)))
+        start = clamp(skeleton, retract(skeleton, world.pose(FRAME), jnp.asarray(delta)))
+        sampler = InteractingSimulatedAnnealing(
+            num_particles=64, num_iterations=12, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
+        )
+        stages = (Stage(search_energy(step=2, sampling="nearest"), 1, 12),)
+        spread, problem = initial_spread(world.character), world.problem(FRAME)
+        result = search(stages, sampler, world.character, start, problem, spread, jax.random.key(key))
+        return start, retract(skeleton, start, result.increment), result
+
+    return run
+
+
+def limb_errors(world, searches, name, pose):
+    vertices = np.unique(np.asarray(world.character.faces)[np.asarray(searches[name].part.moves)])
+    return vertex_errors(world, FRAME, pose)[vertices]
+
+
+@pytest.mark.parametrize("name", ["l_arm", "l_leg", "r_leg"])
+def test_a_limb_ten_degrees_off_is_brought_back(world, searches, find, name):
+    start, found, result = find(name)
+    before, after = (limb_errors(world, searches, name, pose).mean() for pose in (start, found))
+    assert before > 0.03
+    assert after < 0.5 * before
+    others = np.delete(np.arange(39), searches[name].dofs)
+    np.testing.assert_array_equal(np.asarray(result.increment)[others], 0)
+    skeleton = world.character.skeleton
+    assert np.all((found.angles >= skeleton.lower - 1e-6) & (found.angles <= skeleton.upper + 1e-6))
+
+
+def test_the_same_key_gives_the_same_bits_and_another_key_others(find):
+    first, again, other = (find("l_arm", key=key)[2] for key in (3, 3, 4))
+    assert np.asarray(first.increment).tobytes() == np.asarray(again.increment).tobytes()
+    assert float(first.energy) == float(again.energy)
+    assert np.any(np.asarray(first.increment) != np.asarray(other.increment))
+
+
+def test_capacities_that_are_too_small_grow_and_do_not_change_the_answer(find, searches):
+    _, _, enough = find("l_leg")
+    sizes = searches["l_leg"].sizes
+    before = sizes.capacity
+    sizes.capacity = 256
+    _, _, again = find("l_leg")
+    assert sizes.capacity >= 1.1 * int(enough.needed)
+    assert sizes.capacity <= before
+    np.testing.assert_allclose(again.increment, enough.increment, atol=1e-5)
+
+
+def test_left_and_right_share_their_sizes_and_shapes(searches):
+    for left, right in (("l_arm", "r_arm"), ("l_leg", "r_leg")):
+        assert searches[left].sizes is searches[right].sizes
+        assert searches[left].part.faces.shape == searches[right].part.faces.shape
+        assert searches[left].part.vertices.shape == searches[right].part.vertices.shape
+
+
+def test_region_holds_the_limb_and_only_grows(world, searches):
+    search, problem = searches["r_arm"], world.problem(FRAME)
+    search.sizes.region = (0, 0)
+    height, width = problem.size
+    small, large = np.array([[100.0, 90, 130, 130]] * 2), np.array([[80.0, 60, 170, 180]] * 2)
+    for boxes in (small, large, small):
+        corners = search.place_region(boxes, problem)
+        size = search.sizes.region
+        assert np.all(corners % 8 == 0)
+        assert np.all(corners >= 0)
+        assert np.all(corners + size <= [height, width])
+        assert np.all(corners[:, ::-1] <= boxes[:, :2])
+        assert np.all(corners[:, ::-1] + size[::-1] >= boxes[:, 2:])
+    after_large = search.sizes.region
+    assert after_large[0] >= 120
+    search.place_region(np.array([[-500.0, -500, 2000, 2000], [np.nan] * 4]), problem)
+    assert np.all(np.array(search.sizes.region) <= [height, width])

@@ -1,0 +1,79 @@
+"""From a capture folder to a result folder."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmocap._pipeline import track_capture
+from jaxmocap._results import InputError
+from jaxmocap.metrics import evaluate
+from jaxmocap.motion import Motion
+from jaxmocap.synthetic import make_capture, write_capture
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_capture(make_capture(6, (320, 180)), tmp_path_factory.mktemp("capture") / "six")
+
+
+@pytest.fixture(scope="module")
+def result(folder, tmp_path_factory):
+    told = []
+    out = tmp_path_factory.mktemp("result") / "first"
+    motion = track_capture(folder, out, quality="draft", progress=lambda *step: told.append(step))
+    return motion, out, told
+
+
+def test_markers_are_found_to_three_centimetres(folder, result):
+    scores = evaluate(result[1], folder / "truth.npz")
+    assert scores["frames"] == 6
+    assert scores["lost_frames"] == 0
+    assert scores["marker_error_cm"]["mean"] < 3.0
+
+
+def test_the_folder_holds_the_result(result):
+    motion, out, told = result
+    names = {path.name for path in out.iterdir()}
+    assert {"motion.npz", "report.json", "registration.json"} <= names
+    assert sum(name.endswith(".mp4") for name in names) == 2
+    assert not [path for path in out.parent.iterdir() if path != out]
+    loaded = Motion.load(out)
+    np.testing.assert_array_equal(loaded.angles, motion.angles)
+    np.testing.assert_array_equal(loaded.frames, np.arange(6))
+    assert set(loaded.status) <= {"ok", "doubtful", "lost"}
+    assert set(loaded.energy) == {"model_view", "view_view", "covered"}
+    assert all(np.all(np.isfinite(values)) for values in loaded.energy.values())
+    assert ("track", 6, 6) in told
+
+
+def test_the_same_seed_gives_the_same_bytes(folder, result, tmp_path):
+    motion = result[0]
+    again = track_capture(folder, tmp_path / "second", quality="draft", overlays=False)
+    assert again.root.tobytes() == motion.root.tobytes()
+    assert again.angles.tobytes() == motion.angles.tobytes()
+
+
+def test_a_folder_that_holds_a_result_is_not_written_into(folder, result):
+    before = {path.name: path.stat().st_mtime_ns for path in result[1].iterdir()}
+    with pytest.raises(InputError, match="first"):
+        track_capture(folder, result[1], quality="draft")
+    assert {path.name: path.stat().st_mtime_ns for path in result[1].iterdir()} == before
+
+
+def test_a_range_that_begins_before_the_selected_frames_is_tracked_backwards(tmp_path):
+    truth = make_capture(4, (320, 180), selected_frames=(2,))
+    folder = write_capture(truth, tmp_path / "late")
+    motion = track_capture(folder, tmp_path / "out", quality="draft", frames=(1, 4), overlays=False)
+    np.testing.assert_array_equal(motion.frames, [1, 2, 3])
+    joints = jnp.asarray(motion.joints)
+    assert joints.shape[0] == 3
+    scores = evaluate(tmp_path / "out", folder / "truth.npz")
+    assert scores["marker_error_cm"]["mean"] < 4.0
+
+
+def test_a_failure_leaves_nothing_behind(folder, tmp_path):
+    with pytest.raises(InputError, match="frames 4:9 are asked for, but capture 'synthetic' has frames 0:6"):
+        track_capture(folder, tmp_path / "out", quality="draft", frames=(4, 9))
+    assert list(tmp_path.iterdir()) == []
