@@ -4,7 +4,8 @@
 
 Every figure is a small record: metric, value, unit, direction ("lower" is better), tolerance (relative, for `--gate`).
 `--gate BASELINE.json` exits with 1 when a figure is worse than the baseline by more than its tolerance. Times are
-medians over the frames after the first two, which compile. Ratios hold within one run only: machines differ, and are noisy.
+medians over the frames after the first two, which compile. Ratios hold within one run only: machines differ, and are
+noisy.
 """
 
 import argparse

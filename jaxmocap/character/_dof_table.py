@@ -5,9 +5,9 @@ The paper fixes 39 = 6 + 33 and the groups; the split per joint follows the CMU 
 and of its left side; `_build.py` carries them to whatever rest pose the mesh was made in. Mirrored to the right side,
 an axis (x, y, z) becomes (x, -y, -z) and limits stay. `cmu7` arms have a clavicle, `wrist7` arms a wrist instead.
 
-Limits are those of ordinary adults with a tenth of slack, but for two. Where an arm points sideways, `shoulder_flex` and
-`shoulder_axial` turn about the same line, so only their sum is anatomical and the axial one is kept wide. And a rest pose
-may hold the shoulders up by up to 25 degrees, which `clav_elev` must be able to take back.
+Limits are those of ordinary adults with a tenth of slack, but for two. Where an arm points sideways, `shoulder_flex`
+and `shoulder_axial` turn about the same line, so only their sum is anatomical and the axial one is kept wide. And a
+rest pose may hold the shoulders up by up to 25 degrees, which `clav_elev` must be able to take back.
 """
 
 from typing import Literal, NamedTuple

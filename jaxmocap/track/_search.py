@@ -127,8 +127,8 @@ def wide_population(
     lower: Float[Array, "group_dof"],
     upper: Float[Array, "group_dof"],
 ) -> Float[Array, "extra group_dof"] | None:
-    """First particles for a limb that moves faster than expected, or that was lost: Gaussian with three times the spread,
-    and every other one drawn evenly from the whole box (not farther than twelve times the spread)."""
+    """First particles for a limb that moves faster than expected, or that was lost: Gaussian with three times the
+    spread, and every other one drawn evenly from the whole box (not farther than twelve times the spread)."""
     if count == 0:
         return None
     near_key, far_key = jax.random.split(key)
@@ -141,7 +141,20 @@ def wide_population(
 @eqx.filter_jit
 def _search(
     wide,
-    stages, sampler, character, part, pose, problem, corners, size, capacity, base_capacity, spread, lower, upper, key
+    stages,
+    sampler,
+    character,
+    part,
+    pose,
+    problem,
+    corners,
+    size,
+    capacity,
+    base_capacity,
+    spread,
+    lower,
+    upper,
+    key,
 ):
     energies, needed_base, needed_far = [], [], []
     for stage in stages:
