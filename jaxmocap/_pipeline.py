@@ -106,6 +106,12 @@ def track_capture(
         tracker = Tracker.preset(quality) if tracker is None else tracker
         key = jax.random.key(seed)
         selected = capture.selected_frames or (0,)
+        unknown = sorted(set(overrides or {}) - set(selected))
+        if unknown:
+            raise InputError(
+                f"the pose file {pose_file} sets frame {unknown[0]}, which is not registered; the selected frames of "
+                f"capture '{capture.name}' are {', '.join(map(str, selected))}."
+            )
         tell("register", 0, len(selected))
         registrations: dict[int, Registration] = {}
         for number, frame in enumerate(selected):

@@ -62,6 +62,9 @@ class Registration:
     searched: bool
 
 
+LARGEST_VALUE = 1e6
+"""No metre or degree of a pose file is larger."""
+
 Overrides = dict[int, dict[str, float]]
 """Frame -> DoF name -> value: metres for root translations, degrees for everything else."""
 
@@ -97,17 +100,17 @@ def read_pose_file(path: str | Path) -> Overrides:
     """
     try:
         raw = json.loads(Path(path).read_text())
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise InputError(f"the pose file {path} cannot be read as JSON ({error}).") from error
     expected = f'the pose file {path} must map frames to degrees of freedom, like {{"0": {{"l_elbow_flex": 30}}}}'
     if not isinstance(raw, dict):
         raise InputError(f"{expected}; its top level is {type(raw).__name__}.")
     overrides: Overrides = {}
     for frame, values in raw.items():
-        if not frame.isdigit() or not isinstance(values, dict):
+        if not (frame.isascii() and frame.isdigit()) or not isinstance(values, dict):
             raise InputError(f"{expected}; found the entry {frame!r}.")
         for name, value in values.items():
-            if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST_VALUE:
                 raise InputError(
                     f"the pose file {path} gives {name} at frame {frame} the value {value!r}; a number is expected."
                 )
