@@ -108,9 +108,9 @@ class Tracker:
             contours=ContourSettings(reach=10),
         )
         if quality == "normal":
-            return Tracker(fast, SearchPlan(((2, 12),), particles=96, spread=0.7, wide=0.5), plan)
+            return Tracker(fast, SearchPlan(((2, 12),), particles=64, spread=0.6), plan)
         if quality == "draft":
-            return Tracker(fast, SearchPlan(((4, 8),), particles=48, spread=0.6, wide=0.5), replace(plan, rounds=2))
+            return Tracker(fast, SearchPlan(((4, 8),), particles=48, spread=0.6), replace(plan, rounds=2))
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
 
 
