@@ -240,6 +240,7 @@ def test_evaluate_without_a_truth_or_a_result_is_refused(film, result, tmp_path,
 # track, register, demo --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_leaves_nothing_behind(film, tmp_path):
     running = subprocess.Popen(
         [*COMMAND, "track", str(film), "--out", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True
