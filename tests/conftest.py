@@ -3,7 +3,9 @@
 Settings of JAX and the import hook come first, before anything imports JAX or the package.
 """
 
+import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,3 +25,14 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"the example captures are not in {DATA}; set JAXMOCAP_DATA to their folder")
     return DATA
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget_programs() -> Iterator[None]:
+    """Drop the compiled programs of each file. Every one takes memory maps of the process, of which the kernel allows
+    65,530; the whole suite needs more and would end in a segmentation fault."""
+    yield
+    import jax
+
+    jax.clear_caches()
+    gc.collect()
