@@ -31,4 +31,13 @@ from ._palette import (
     palette_from_colours as palette_from_colours,
     psi_table as psi_table,
 )
+from ._plate import (
+    Plate as Plate,
+    PlateSettings as PlateSettings,
+    carried_plate as carried_plate,
+    grid_coordinates as grid_coordinates,
+    plate_beside as plate_beside,
+    plate_distance as plate_distance,
+    renewed_plate as renewed_plate,
+)
 from ._warp import GridWarp as GridWarp, WarpSettings as WarpSettings, warp_grid as warp_grid

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -18,6 +18,7 @@ from ._background_grid import GridSettings
 from ._colour_model import ColourModel, ColourSettings
 from ._foreground import ForegroundModel, ForegroundSettings, fit_foreground
 from ._palette import Palette, fit_palette, palette_from_colours, psi_table
+from ._plate import PlateSettings
 from ._warp import WarpSettings
 
 FORMAT = 1
@@ -25,12 +26,19 @@ FORMAT = 1
 
 
 class AppearanceSettings(eqx.Module):
-    """All settings of the appearance stage. `palette_size` is the number of colours of the psi tables."""
+    """All settings of the appearance stage. `palette_size` is the number of colours of the psi tables.
+
+    `behind` is what psi_b compares a pixel with: `"grid"`, the colour models of the warped grid (the paper), or
+    `"plate"`, the picture of the background that the selected frames and the frames tracked so far have shown, and the
+    grid where none has.
+    """
 
     colour: ColourSettings = eqx.field(default_factory=ColourSettings)
     grid: GridSettings = eqx.field(default_factory=GridSettings)
     warp: WarpSettings = eqx.field(default_factory=WarpSettings)
     foreground: ForegroundSettings = eqx.field(default_factory=ForegroundSettings)
+    plate: PlateSettings = eqx.field(default_factory=PlateSettings)
+    behind: Literal["grid", "plate"] = eqx.field(static=True, default="grid")
     palette_size: int = eqx.field(static=True, default=1024)
 
 

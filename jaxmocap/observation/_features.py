@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from jaxmocap.appearance import GridSettings, grid_ids, grid_triangles, grid_vertices
+from jaxmocap.appearance import GridSettings, grid_coordinates, grid_ids, grid_vertices
 
 Matches = tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]
 """Pixels (x, y) in the first and in the second frame, centre of the first pixel at (0.5, 0.5)."""
@@ -193,23 +193,13 @@ def warp_image(
     grid = GridSettings() if grid is None else grid
     height, width = image.shape[:2]
     regular = grid_vertices(height, width, grid.rows, grid.columns)
-    triangles = grid_triangles(grid.rows, grid.columns)
-    ids = grid_ids(
-        vertices, height, width, GridSettings(rows=grid.rows, columns=grid.columns, fill="none"), rest=regular
-    )
-    corners = np.concatenate([vertices[triangles], np.ones((len(triangles), 3, 1))], axis=2)
-    covered = np.unique(ids[ids >= 0])
-    affine = np.zeros((len(triangles), 3, 2))
-    affine[covered] = np.linalg.solve(corners[covered], regular[triangles[covered]])
-    y, x = np.nonzero(ids >= 0)
-    places = np.stack([x + 0.5, y + 0.5, np.ones(len(x))], axis=1)
-    source = np.full((height, width, 2), -1.0, np.float32)
-    source[y, x] = np.einsum("pi,pic->pc", places, affine[ids[y, x]]) - 0.5
-    warped = cv2.remap(image, source[..., 0], source[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    covered = GridSettings(rows=grid.rows, columns=grid.columns, fill="none")
+    ids = grid_ids(vertices, height, width, covered, rest=regular)
+    source = grid_coordinates(vertices, ids, grid) - 0.5
+    warped = cv2.remap(image, source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     nearest = np.round(source).astype(int)
-    seen = ids >= 0
     column, row = np.clip(nearest[..., 0], 0, width - 1), np.clip(nearest[..., 1], 0, height - 1)
-    return warped, seen & usable[row, column]
+    return warped, (ids >= 0) & usable[row, column]
 
 
 def _lucas_kanade(first: np.ndarray, second: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,7 @@
 """From decoded images to a `FrameProblem`: the one doorway into arrays."""
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -13,8 +14,10 @@ from jaxmocap.appearance import (
     AppearanceSettings,
     GridWarp,
     background_distance,
+    carried_plate,
     fit_appearance,
     label_image,
+    plate_beside,
     warp_grid,
 )
 from jaxmocap.camera import Cameras
@@ -23,6 +26,7 @@ from jaxmocap.character import Character, Pose, skin
 from jaxmocap.geometry import faces_within, pack_rows
 from jaxmocap.render import face_ids, inverse_depth_range
 
+from ._clean_plate import CleanPlate
 from ._edges import background_edges, image_edges
 from ._features import FeatureSettings, FrameFeatures, frame_features, match_background
 from ._problem import Edges, FrameProblem, Surface
@@ -176,6 +180,7 @@ class Observations:
         self.surface = surface_of(self.character, self.appearance, self.cameras.num_cameras)
         self._tables: dict[tuple[int, int], np.ndarray] = {}
         self._selected: dict[tuple[int, int], FrameFeatures] = {}
+        self._plates: dict[int, CleanPlate] = {}
         self._warps: dict[tuple[int, int], GridWarp] = {}
         self._last: dict[tuple[int, int], tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]] = {}
 
@@ -184,20 +189,53 @@ class Observations:
         for frame, images in self.capture.frames(start, stop):
             yield FrameImages(frame, float(self.capture.timestamps[frame]), images)
 
+    def _selected_picture(self, camera: int, selected: int) -> tuple[np.ndarray, np.ndarray]:
+        """Image and person mask of a selected frame; without a mask the registered mesh takes its place."""
+        frame = self.appearance.selected_frames[selected]
+        mask = self.capture.mask(camera, frame)
+        if mask is None:
+            vertices = skin(self.character, self.key_poses[frame])
+            mask = full_image_ids(self.character, vertices, self.cameras, frame)[camera] >= 0
+        return self.capture.image(camera, frame), mask
+
     def _selected_features(self, camera: int, selected: int) -> FrameFeatures:
         if (camera, selected) not in self._selected:
-            frame = self.appearance.selected_frames[selected]
-            image = self.capture.image(camera, frame)
-            mask = self.capture.mask(camera, frame)
-            if mask is None:
-                mask = (
-                    full_image_ids(self.character, skin(self.character, self.key_poses[frame]), self.cameras, frame)[
-                        camera
-                    ]
-                    >= 0
-                )
+            image, mask = self._selected_picture(camera, selected)
             self._selected[camera, selected] = frame_features(image, mask, self.features.mask_growth, self.features)
         return self._selected[camera, selected]
+
+    def _plate(self, camera: int, frame: int, image: np.ndarray, person: np.ndarray) -> CleanPlate:
+        """The camera's plate at a frame: carried on from the frame before, or put together from the selected ones."""
+        known = self._plates.get(camera)
+        if known is None or abs(known.frame - frame) > 1:
+            selected = self.appearance.selected_frames
+            plate = None
+            for s in sorted(range(len(selected)), key=lambda s: (abs(selected[s] - frame), s)):
+                beside = plate_beside(*self._selected_picture(camera, s), self.appearance.settings.plate)
+                warp = self._warp(camera, s, frame, image, person)
+                carried = carried_plate(beside, warp, self.appearance.settings.grid)
+                plate = carried if plate is None else plate.filled_from(carried)
+            assert plate is not None
+            known = CleanPlate(self.appearance.settings, frame, plate, image, person)
+        self._plates[camera] = known.at(frame, image, person)
+        return self._plates[camera]
+
+    def learn(self, shown: FrameImages, rectangle: Rectangle, pose: Pose) -> None:
+        """Renew the clean plates after a frame has been tracked, so that the next frame finds what it has shown."""
+        if self.appearance.settings.behind == "grid":
+            return
+        people = full_image_ids(self.character, skin(self.character, pose), self.cameras, shown.frame)
+        cameras = [camera for camera, plate in self._plates.items() if plate.frame == shown.frame]
+
+        def learnt(camera: int) -> CleanPlate:
+            return self._plates[camera].learnt(people[camera] >= 0, rectangle.window(camera))
+
+        with ThreadPoolExecutor(max_workers=2) as pool:
+            self._plates.update(zip(cameras, pool.map(learnt, cameras), strict=True))
+
+    def restart(self) -> None:
+        """Forget what earlier frames have shown: the next frame is the first of a sequence."""
+        self._plates, self._warps, self._last = {}, {}, {}
 
     def _warp(self, camera: int, selected: int, frame: int, image: np.ndarray, person: np.ndarray) -> GridWarp:
         """The background grid of a selected frame carried to this frame (sec. 4.1)."""
@@ -231,42 +269,62 @@ class Observations:
         the Canny picture (the paper) or at the outline of what is not background. `warps` are those of
         `background_warps`."""
         vertices = np.asarray(skin(self.character, pose))
-        warps = self.background_warps(shown, pose) if warps is None else warps
-        labels, background = [], []
-        for camera, image in enumerate(shown.images):
-            crop = rectangle.crop(image, camera)
-            label = np.asarray(label_image(self.appearance.palette, crop))
-            distances = []
-            for selected, warp in warps[camera]:
-                if (camera, selected) not in self._tables:
-                    self._tables[camera, selected] = np.asarray(self.appearance.background_table(camera, selected))
-                distances.append(
-                    background_distance(
-                        self.appearance.background[camera, selected],
-                        warp.vertices,
-                        crop,
-                        origin=(int(rectangle.origins[camera, 0]), int(rectangle.origins[camera, 1])),
-                        grid=self.appearance.settings.grid,
-                        colour=self.appearance.settings.colour,
-                        rest=warp.rest,
-                        palette=self.appearance.palette,
-                        table=self._tables[camera, selected],
-                        labels=label,
-                    )
-                )
-            labels.append(label)
-            background.append(np.min(distances, axis=0))
+        people = full_image_ids(self.character, jnp.asarray(vertices), self.cameras, shown.frame)
+        labels = [
+            np.asarray(label_image(self.appearance.palette, rectangle.crop(image, camera)))
+            for camera, image in enumerate(shown.images)
+        ]
+
+        def distance(camera: int) -> np.ndarray:
+            person = people[camera] >= 0
+            if self.appearance.settings.behind == "plate":
+                plate = self._plate(camera, shown.frame, shown.images[camera], person)
+                return plate.distance(rectangle.window(camera))
+            carried = warps[camera] if warps is not None else self._carried(camera, shown, person)
+            return self._grid_distance(camera, carried, shown.images[camera], rectangle, labels[camera])
+
+        with ThreadPoolExecutor(max_workers=2) as pool:
+            background = list(pool.map(distance, range(len(shown.images))))
         outlines = [background_edges(distance) for distance in background] if edges == "background" else None
         return build_problem(
             shown.images, rectangle, self.cameras, shown.frame, vertices, self.surface, labels, background, outlines
         )
 
+    def _grid_distance(
+        self,
+        camera: int,
+        carried: list[tuple[int, GridWarp]],
+        image: np.ndarray,
+        rectangle: Rectangle,
+        labels: np.ndarray,
+    ) -> Float[np.ndarray, "height width"]:
+        """psi_b in the rectangle from the colour models of the warped grids (the paper)."""
+        rows, columns = rectangle.window(camera)
+        distances = []
+        for selected, warp in carried:
+            if (camera, selected) not in self._tables:
+                self._tables[camera, selected] = np.asarray(self.appearance.background_table(camera, selected))
+            distances.append(
+                background_distance(
+                    self.appearance.background[camera, selected],
+                    warp.vertices,
+                    image[rows, columns],
+                    origin=(rows.start, columns.start),
+                    grid=self.appearance.settings.grid,
+                    colour=self.appearance.settings.colour,
+                    rest=warp.rest,
+                    palette=self.appearance.palette,
+                    table=self._tables[camera, selected],
+                    labels=labels,
+                )
+            )
+        return np.min(distances, axis=0)
+
+    def _carried(self, camera: int, shown: FrameImages, person: np.ndarray) -> list[tuple[int, GridWarp]]:
+        serving = self.appearance.selected_for(shown.frame)
+        return [(s, self._warp(camera, s, shown.frame, shown.images[camera], person)) for s in serving]
+
     def background_warps(self, shown: FrameImages, pose: Pose) -> list[list[tuple[int, GridWarp]]]:
         """Per camera, the selected frames that serve this frame and their grids carried to it."""
-        vertices = skin(self.character, pose)
-        people = full_image_ids(self.character, vertices, self.cameras, shown.frame)
-        serving = self.appearance.selected_for(shown.frame)
-        return [
-            [(s, self._warp(camera, s, shown.frame, image, people[camera] >= 0)) for s in serving]
-            for camera, image in enumerate(shown.images)
-        ]
+        people = full_image_ids(self.character, skin(self.character, pose), self.cameras, shown.frame)
+        return [self._carried(camera, shown, person >= 0) for camera, person in enumerate(people)]

@@ -24,8 +24,12 @@ class Rectangle:
 
     def crop(self, image: np.ndarray, camera: int) -> np.ndarray:
         """The rectangle of one view's image."""
-        row, column = self.origins[camera]
-        return image[row : row + self.height, column : column + self.width]
+        return image[self.window(camera)]
+
+    def window(self, camera: int) -> tuple[slice, slice]:
+        """Rows and columns of one view's rectangle in the full image."""
+        row, column = (int(start) for start in self.origins[camera])
+        return slice(row, row + self.height), slice(column, column + self.width)
 
 
 def projected_box(

@@ -20,11 +20,14 @@ class Verdict:
 @dataclass(frozen=True)
 class VerdictSettings:
     """Mean cost of Eq. 6 over the covered pixels (0 explains them, 0.5 says nothing, 1 is background): above
-    `doubtful` or `lost`, or when the body moves faster than `top_speed` metres per second, the frame is called so."""
+    `doubtful` or `lost`, or when the body moves faster than `top_speed` metres per second, the frame is called so; it
+    is doubtful, too, when more than `uncovered` of the person's pixels look foreign but are not covered, as an arm that
+    was lost."""
 
     doubtful: float = 0.42
     lost: float = 0.55
     top_speed: float = 15.0
+    uncovered: float = 0.06
     least_pixels: int = 30
 
 
@@ -40,9 +43,12 @@ def judge(
     costs: Float[np.ndarray, "camera height width"],
     speed: float,
     settings: VerdictSettings,
+    uncovered: float = 0.0,
 ) -> Verdict:
-    """Verdict of a frame from its face ids and pixel costs. A body seen in fewer than `least_pixels` pixels takes the
-    confidence of the nearest ancestor that is seen."""
+    """Verdict of a frame from its face ids, pixel costs, and the share of the person left uncovered.
+
+    A body seen in fewer than `least_pixels` pixels takes the confidence of the nearest ancestor that is seen.
+    """
     covered = ids >= 0
     bodies = len(character.skeleton.body_names)
     if not covered.any():
@@ -59,6 +65,6 @@ def judge(
     status = "ok"
     if overall > settings.lost or speed > 2 * settings.top_speed:
         status = "lost"
-    elif overall > settings.doubtful or speed > settings.top_speed:
+    elif overall > settings.doubtful or speed > settings.top_speed or uncovered > settings.uncovered:
         status = "doubtful"
     return Verdict(confidence[list(character.skeleton.landmark_bodies)], status, overall)

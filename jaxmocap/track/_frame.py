@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+import cv2
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,9 +23,9 @@ from jaxmocap.render import face_ids
 from ._confidence import dominant_bodies, judge
 from ._least_squares import Prior, Rows, descend, free_prior
 from ._register import draw, frame_rectangle
-from ._search import Stage, group_searches, initial_spread
+from ._search import GroupSearch, Stage, group_searches, initial_spread, is_limb
 from ._surface_flow import Source, surface_flow
-from ._tracker import RefinePlan, Tracker, sigma_floor
+from ._tracker import RefinePlan, SearchPlan, Tracker, sigma_floor
 
 FLOW_ROBUST = (0.08, 0.03)
 """Geman-McClure scales of the flow start's rounds, metres."""
@@ -76,6 +77,19 @@ def covered_costs(ids: Int[Array, "camera height width"], problem: FrameProblem)
     return covered_cost(foreground, problem.background)
 
 
+def unexplained(ids: Int[np.ndarray, "camera height width"], problem: FrameProblem) -> float:
+    """Share of the person's pixels that look foreign but are not covered, in the view where it is largest; thin seams
+    do not count."""
+    covered, foreign = ids >= 0, np.asarray(problem.background) > 0.5
+    shares = []
+    for camera in range(problem.num_cameras):
+        beside = (foreign[camera] & ~covered[camera]).astype(np.uint8)
+        width = 2 * round(0.05 * np.sqrt(covered[camera].sum()) / 2) + 1
+        blobs = cv2.morphologyEx(beside, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
+        shares.append(blobs.sum() / max(covered[camera].sum(), 1))
+    return float(max(shares))
+
+
 class FrameTracker:
     """Tracks one frame after the other; what one frame hands to the next lives here (host)."""
 
@@ -86,6 +100,7 @@ class FrameTracker:
         self.tracker = tracker
         self.key = key
         self.groups = group_searches(self.character)
+        self.far_groups = [group for group in group_searches(self.character) if is_limb(group)]
         self.spread = initial_spread(self.character)
         self.rectangle: Rectangle | None = None
         self.last: tuple[FrameImages, Pose] | None = None
@@ -141,11 +156,11 @@ class FrameTracker:
             plain = self._plain_problem(shown, rectangle, pose)
             speed = np.zeros(len(shown.images))
             base = pose
+            prior = free_prior(self.character, base, jnp.concatenate([jnp.full(6, 0.1), jnp.full(33, 0.5)]))
             for round_index, robust in enumerate(FLOW_ROBUST):
                 vertices, ids, _ = draw(self.character, pose, plain)
                 crops = [rectangle.crop(image, c) for c, image in enumerate(shown.images)]
                 flows = surface_flow(self.character, vertices, ids, crops, plain, sources, self.tracker.flow)
-                prior = free_prior(self.character, base, jnp.concatenate([jnp.full(6, 0.1), jnp.full(33, 0.5)]))
                 delta, _ = descend(
                     self.character,
                     base,
@@ -203,17 +218,28 @@ class FrameTracker:
         deviation = np.zeros(39)
         if plan is None:
             return pose, deviation
-        stages = tuple(Stage(self.tracker.search_energy, step, count) for step, count in plan.stages)
-        spread = self.spread * plan.spread * self._speed_factor()
         for number, group in enumerate(self.groups):
             with clock.stage(f"search {group.name}"):
                 key = jax.random.fold_in(jax.random.fold_in(self.key, frame), number)
-                sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs))
-                wide = plan.wide if min(group.dofs) >= 13 else 0.0
-                found = group(stages, sampler, self.character, pose, problem, spread, key, wide)
-                deviation += np.asarray(found.deviation)
-                pose = retract(self.character.skeleton, pose, found.increment)
+                pose, found = self._search_group(group, plan, pose, problem, plan.wide, key)
+                deviation += found
+        if plan.retry is not None:
+            with clock.stage("search again"):
+                if unexplained(np.asarray(draw(self.character, pose, problem)[1]), problem) > plan.retry:
+                    for number, group in enumerate(self.far_groups):
+                        key = jax.random.fold_in(jax.random.fold_in(self.key, frame), 100 + number)
+                        pose, _ = self._search_group(group, plan, pose, problem, 0.5, key)
         return pose, deviation
+
+    def _search_group(
+        self, group: GroupSearch, plan: SearchPlan, pose: Pose, problem: FrameProblem, wide: float, key: PRNGKeyArray
+    ) -> tuple[Pose, np.ndarray]:
+        limb, pace = is_limb(group), self._speed_factor() if wide == 0 else 1.0
+        stages = tuple(Stage(self.tracker.search_energy, step, count) for step, count in plan.stages)
+        sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), 1.0 if limb else plan.trunk)
+        spread = self.spread * plan.spread * pace * (1.0 if limb else plan.trunk)
+        found = group(stages, sampler, self.character, pose, problem, spread, key, wide if limb else 0.0)
+        return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
 
     def _speed_factor(self) -> float:
         if not self.increments or self.last is None:
@@ -303,7 +329,8 @@ class FrameTracker:
     # The frame --------------------------------------------------------------------------------------------------
 
     def first(self, shown: FrameImages, pose: Pose) -> FrameResult:
-        """Take a registered pose as the answer of a frame."""
+        """Take a registered pose as the answer of a frame, at which a sequence starts."""
+        self.observations.restart()
         clock = Clock()
         problem, _ = self._problem(shown, pose, np.zeros(len(shown.images)), clock)
         return self._finish(shown, problem, pose, np.zeros(39), None, clock)
@@ -345,12 +372,21 @@ class FrameTracker:
             seconds = abs(shown.timestamp - self.last[0].timestamp) if self.last is not None else 1.0
             speed = float(jnp.linalg.norm(moved[:3])) / max(seconds, 1e-3)
             verdict = judge(
-                self.character, self.face_bodies, np.asarray(ids), np.asarray(costs), speed, self.tracker.verdict
+                self.character,
+                self.face_bodies,
+                np.asarray(ids),
+                np.asarray(costs),
+                speed,
+                self.tracker.verdict,
+                unexplained(np.asarray(ids), problem),
             )
         names = [term.name for term in self.tracker.search_energy.terms]
         if self.last is not None:
             self.increments = [*self.increments, np.asarray(moved)][-30:]
         self.last = (shown, pose)
+        with clock.stage("background"):
+            assert self.rectangle is not None
+            self.observations.learn(shown, self.rectangle, pose)
         energy = {name: float(value) for name, value in zip(names, terms[0], strict=True)}
         energy["covered"] = verdict.covered_cost
         return FrameResult(

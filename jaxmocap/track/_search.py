@@ -27,6 +27,8 @@ from jaxmocap.samplers import AbstractSampler, run
 REGION_STEP = 64
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
+POOL = 20
+"""As many particles are drawn for each one that starts further afield; the best ones are taken."""
 
 
 def initial_spread(character: Character) -> Float[np.ndarray, "dof"]:
@@ -169,7 +171,11 @@ def _search(
         needed_far.append(base.needed_far)
     start = jnp.zeros(part.dofs.shape[0])
     box = (spread[part.dofs], lower[part.dofs], upper[part.dofs])
-    far = wide_population(jax.random.fold_in(key, 1), int(wide * sampler.num_particles), *box)
+    count = int(wide * sampler.num_particles)
+    far = wide_population(jax.random.fold_in(key, 1), POOL * count, *box)
+    if far is not None:
+        scores = energies[0][0](far)
+        far = far[jax.lax.top_k(-jnp.where(jnp.isfinite(scores), scores, jnp.inf), count)[1]]
     best, info = run(sampler, energies, start, *box, key, far)
     increment = jnp.zeros(39).at[part.dofs].set(best)
     whole = Region(corners, size)
@@ -219,7 +225,7 @@ class GroupSearch:
         for axis, full in ((1, height), (0, width)):
             old = self.sizes.region[1 - axis]
             need = min(float(extent[axis]), full)
-            size.append(old if need <= old else int(min(-(-need * 1.15 // REGION_STEP) * REGION_STEP, full)))
+            size.append(old if need <= old else int(min(-(-need * 1.35 // REGION_STEP) * REGION_STEP, full)))
         size = (min(size[0], height // 8 * 8), min(size[1], width // 8 * 8))
         self.sizes.region = size
         centre = 0.5 * (boxes[:, :2] + boxes[:, 2:])
@@ -310,3 +316,8 @@ def group_searches(character: Character) -> list[GroupSearch]:
         sizes = shared.setdefault(kind, Sizes(_power(1.3 * faces), _power(1.3 * num_faces)))
         searches.append(GroupSearch(name, dofs, part, sizes))
     return searches
+
+
+def is_limb(group: GroupSearch) -> bool:
+    """Whether the group is an arm or a leg, not the root or the torso."""
+    return group.name.split("_")[-1] in ("arm", "leg")

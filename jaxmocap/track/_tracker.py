@@ -24,18 +24,24 @@ Quality = Literal["draft", "normal", "paper"]
 class SearchPlan:
     """Effort of the annealing: `stages` are (every step-th pixel, iterations) from coarse to fine; `particles` per
     group (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `wide` is the share
-    of a limb's first particles that look further afield (0 is the paper); `answer` "mean" is the
-    paper's."""
+    of a limb's first particles that look further afield (0 is the paper); `trunk` scales particles and spread of root
+    and torso, which are large and move less than limbs; `retry` is the share of the person's pixels that may look
+    foreign and stay uncovered before the limbs are searched again further afield (None: never, the paper); `answer`
+    "mean" is the paper's."""
 
     stages: tuple[tuple[int, int], ...] = ((1, 25),)
     particles: int | None = None
     spread: float = 1.0
     wide: float = 0.0
+    trunk: float = 1.0
+    retry: float | None = None
     answer: Literal["mean", "best_if_better"] = "best_if_better"
 
-    def sampler(self, num_dofs: int, sigma_min: Float[Array, "dof"]) -> InteractingSimulatedAnnealing:
-        """The annealing of one group."""
-        count = particles_for(num_dofs) if self.particles is None else self.particles
+    def sampler(
+        self, num_dofs: int, sigma_min: Float[Array, "dof"], share: float = 1.0
+    ) -> InteractingSimulatedAnnealing:
+        """The annealing of one group, with a share of the particles."""
+        count = round(share * (particles_for(num_dofs) if self.particles is None else self.particles))
         iterations = sum(count for _, count in self.stages)
         return InteractingSimulatedAnnealing(
             num_particles=count, num_iterations=iterations, answer=self.answer, sigma_min=sigma_min
@@ -98,7 +104,7 @@ class Tracker:
         a quick look."""
         if quality == "paper":
             return Tracker()
-        fast = search_energy(uncovered_scale=2.0, step=2, sampling="nearest")
+        fast = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
         plan = RefinePlan(
             edges="background",
             surface_flow=True,
@@ -108,16 +114,19 @@ class Tracker:
             contours=ContourSettings(reach=10),
         )
         if quality == "normal":
-            return Tracker(fast, SearchPlan(((2, 12),), particles=64, spread=0.6), plan)
+            return Tracker(fast, SearchPlan(((2, 16),), particles=96, trunk=0.6, retry=0.03), plan)
         if quality == "draft":
-            return Tracker(fast, SearchPlan(((4, 8),), particles=48, spread=0.6), replace(plan, rounds=2))
+            coarse = SearchPlan(((4, 8),), particles=48, spread=0.6)
+            return Tracker(fast, coarse, replace(plan, rounds=2))
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
 
 
 def appearance_preset(quality: Quality) -> AppearanceSettings:
-    """Appearance settings that go with a preset: "paper" leaves triangles that were never seen without a model."""
-    unseen = "none" if quality == "paper" else "nearest"
-    return AppearanceSettings(foreground=ForegroundSettings(unseen=unseen))
+    """Appearance settings that go with a preset: "paper" leaves triangles that were never seen without a model, and
+    knows the background by the grid's colour models only."""
+    if quality == "paper":
+        return AppearanceSettings()
+    return AppearanceSettings(foreground=ForegroundSettings(unseen="nearest"), behind="plate")
 
 
 def sigma_floor(dofs: tuple[int, ...]) -> Float[Array, "group_dof"]:

@@ -59,6 +59,13 @@ def test_status_follows_cost_and_speed(world, bodies, cost, speed, status):
     np.testing.assert_allclose(verdict.confidence, np.clip(1.25 - 1.75 * cost, 0, 1), atol=1e-12)
 
 
+def test_an_uncovered_arm_makes_a_frame_doubtful(world, bodies):
+    ids = pixels(bodies, range(18))
+    costs = np.full(ids.shape, 0.1)
+    for share, status in ((SETTINGS.uncovered - 0.01, "ok"), (SETTINGS.uncovered + 0.01, "doubtful")):
+        assert judge(world.character, bodies, ids, costs, 0.0, SETTINGS, share).status == status
+
+
 def test_pixels_that_are_not_covered_do_not_count(world, bodies):
     ids = pixels(bodies, range(18))
     costs = np.where(ids >= 0, 0.1, 1.0)

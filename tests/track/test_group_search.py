@@ -1,5 +1,6 @@
 """The annealing of a limb on the real energy."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +11,8 @@ from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.samplers import InteractingSimulatedAnnealing
 from jaxmocap.track import Stage, group_searches
+from jaxmocap.track._frame import unexplained
+from jaxmocap.track._register import draw
 from jaxmocap.track._search import initial_spread
 
 FRAME = 2
@@ -55,6 +58,44 @@ def test_a_limb_ten_degrees_off_is_brought_back(world, searches, find, name):
     np.testing.assert_array_equal(np.asarray(result.increment)[others], 0)
     skeleton = world.character.skeleton
     assert np.all((found.angles >= skeleton.lower - 1e-6) & (found.angles <= skeleton.upper + 1e-6))
+
+
+def lost_arm(world):
+    """The true pose, but for a left arm that is 70 degrees off at the shoulder."""
+    names = world.character.skeleton.dof_names
+    delta = np.zeros(39, np.float32)
+    delta[names.index("l_shoulder_abd")] = np.deg2rad(-70)
+    delta[names.index("l_shoulder_flex")] = np.deg2rad(30)
+    return clamp(world.character.skeleton, retract(world.character.skeleton, world.pose(FRAME), jnp.asarray(delta)))
+
+
+def test_a_lost_arm_leaves_part_of_the_person_uncovered(world):
+    seen = jnp.asarray(world.masks(FRAME), jnp.float32)
+    problem = eqx.tree_at(lambda p: p.background, world.problem(FRAME), seen)
+    shares = [
+        unexplained(np.asarray(draw(world.character, pose, problem)[1]), problem)
+        for pose in (world.pose(FRAME), lost_arm(world))
+    ]
+    assert shares[0] < 0.02
+    assert shares[1] > 0.03
+
+
+def test_a_lost_arm_is_found_further_afield(world):
+    """A fresh search: its region is larger than the usual one."""
+    search = next(group for group in group_searches(world.character) if group.name == "l_arm")
+    sampler = InteractingSimulatedAnnealing(
+        num_particles=64, num_iterations=12, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
+    )
+    stages = (Stage(search_energy(uncovered_scale=2.0, step=2, sampling="nearest"), 2, 12),)
+    start = lost_arm(world)
+    found = search(
+        stages, sampler, world.character, start, world.problem(FRAME), initial_spread(world.character),
+        jax.random.key(0), wide=0.5,
+    )  # fmt: skip
+    pose = retract(world.character.skeleton, start, found.increment)
+    before, after = (limb_errors(world, {"l_arm": search}, "l_arm", p).mean() for p in (start, pose))
+    assert before > 0.1
+    assert after < 0.05
 
 
 def test_the_same_key_gives_the_same_bits_and_another_key_others(find):

@@ -1,0 +1,169 @@
+"""The clean plate: the background as a picture, without its person, carried from frame to frame.
+
+The grid's colour models (Sec. 3.2) know which colours a triangle of the background has, not where. Skin before a
+skin-coloured pavement is then camouflage. The same grid warp can carry the picture itself, and that tells a forearm
+from the bricks behind it.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, UInt8
+
+from jaxmocap._types import Scalar, knob
+
+from ._background_grid import GridSettings, grid_ids, grid_triangles, grid_vertices
+from ._warp import GridWarp
+
+
+class PlateSettings(eqx.Module):
+    """How a pixel is compared with the picture that is expected behind the person.
+
+    - `s0`: colour distance that reaches the barrier tau, colours in [0, 1]: psi = (distance / s0)^2.
+    - `unknown`: psi_b of a pixel behind which nothing has been seen yet, so that the person has been there all along.
+    - `shadow_low`, `shadow_high`: when the plate is renewed, a pixel that is the old plate times a factor between the
+      two, or over it, is background that a shadow reached or left; both 1: no shadows.
+    - `blur`: standard deviation in pixels of the smoothing of both pictures against sensor noise. Static.
+    - `reach`: the best match within this many pixels counts, since a warp is only so exact. Static.
+    - `growth`: pixels by which the person's silhouette grows before the rest is taken for background. Static.
+    """
+
+    s0: Scalar = knob(0.10)
+    unknown: Scalar = knob(0.5)
+    shadow_low: Scalar = knob(0.35)
+    shadow_high: Scalar = knob(0.75)
+    blur: float = eqx.field(static=True, default=1.0)
+    reach: int = eqx.field(static=True, default=2)
+    growth: int = eqx.field(static=True, default=5)
+
+
+class Plate(NamedTuple):
+    """A camera's background at one frame, RGB, and where it is known."""
+
+    picture: UInt8[np.ndarray, "height width 3"]
+    known: Bool[np.ndarray, "height width"]
+
+    def filled_from(self, other: "Plate") -> "Plate":
+        """This plate, and the other one where this is not known."""
+        picture = np.where(self.known[..., None], self.picture, other.picture)
+        return Plate(picture, self.known | other.known)
+
+
+def plate_beside(
+    image: UInt8[np.ndarray, "height width 3"],
+    person: Bool[np.ndarray, "height width"],
+    settings: PlateSettings | None = None,
+) -> Plate:
+    """The plate of a frame whose person is marked: everything beside."""
+    settings = PlateSettings() if settings is None else settings
+    return Plate(image, ~_grown(person, settings.growth))
+
+
+def carried_plate(plate: Plate, warp: GridWarp, grid: GridSettings | None = None) -> Plate:
+    """A plate in the frame to which `warp` carries its frame."""
+    grid = GridSettings() if grid is None else grid
+    height, width = plate.known.shape
+    ids = grid_ids(warp.vertices, height, width, grid, rest=warp.rest)
+    where = grid_coordinates(warp.vertices, ids, grid) - 0.5
+    unknown = (~plate.known).astype(np.uint8)
+    constant = cv2.BORDER_CONSTANT
+    lost = cv2.remap(unknown, where, None, cv2.INTER_LINEAR, borderMode=constant, borderValue=(1,))
+    picture = cv2.remap(plate.picture, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return Plate(picture, lost == 0)
+
+
+def grid_coordinates(
+    vertices: Float[np.ndarray, "vertex 2"], ids: Int[np.ndarray, "height width"], grid: GridSettings
+) -> Float[np.ndarray, "height width 2"]:
+    """Where each pixel of an image comes from, (x, y) in the undeformed grid's image of the same size.
+
+    `vertices` is the warped grid, `ids` the triangle at every pixel (`grid_ids`). Far outside where there is none.
+    """
+    triangles = grid_triangles(grid.rows, grid.columns)
+    corners = np.concatenate([np.asarray(vertices, np.float64)[triangles], np.ones((len(triangles), 3, 1))], axis=-1)
+    flat = np.abs(np.linalg.det(corners)) < 1e-6
+    corners[flat] = np.eye(3)
+    regular = grid_vertices(*ids.shape, grid.rows, grid.columns)
+    affine = np.linalg.solve(corners, regular[triangles]).astype(np.float32)
+    affine[flat] = -1e4
+    picked = affine[np.maximum(ids, 0)]
+    rows = np.arange(ids.shape[0], dtype=np.float32)[:, None, None] + 0.5
+    columns = np.arange(ids.shape[1], dtype=np.float32)[None, :, None] + 0.5
+    there = columns * picked[..., 0, :] + rows * picked[..., 1, :] + picked[..., 2, :]
+    return np.where((ids >= 0)[..., None], there, np.float32(-1e4))
+
+
+def plate_distance(
+    plate: Plate,
+    image: UInt8[np.ndarray, "height width 3"],
+    settings: PlateSettings | None = None,
+    tau: float = 1.0,
+) -> Float[np.ndarray, "height width"]:
+    """psi_b of every pixel against a plate of the same window: min(tau, d^2 / s0^2), with d the least colour distance
+    within `reach` pixels, and `unknown` where the plate is not known."""
+    settings = PlateSettings() if settings is None else settings
+    pictures = _smoothed(plate.picture, settings.blur), _smoothed(image, settings.blur)
+    distance = jnp.minimum(_least_square(*pictures, settings, False) / settings.s0**2, tau)
+    return np.where(plate.known, np.asarray(distance), np.float32(settings.unknown))
+
+
+def renewed_plate(
+    plate: Plate,
+    image: UInt8[np.ndarray, "height width 3"],
+    person: Bool[np.ndarray, "height width"],
+    window: tuple[slice, slice],
+    settings: PlateSettings | None = None,
+) -> Plate:
+    """The plate after a frame has been tracked: the image itself, but behind the person and, inside the `window` (rows,
+    columns), where a pixel looks neither like the old plate nor like its shadow: a limb that the tracker lost does not
+    become background."""
+    settings = PlateSettings() if settings is None else settings
+    hidden = _grown(person, settings.growth)
+    pictures = _smoothed(plate.picture[window], settings.blur), _smoothed(image[window], settings.blur)
+    foreign = np.asarray(_least_square(*pictures, settings, True) > 0.5 * settings.s0**2)
+    keep = hidden.copy()
+    keep[window] |= _grown(foreign, 1) & plate.known[window]
+    return Plate(np.where(keep[..., None], plate.picture, image), plate.known | ~hidden)
+
+
+def _smoothed(image: UInt8[np.ndarray, "height width 3"], blur: float) -> Float[np.ndarray, "height width 3"]:
+    picture = image.astype(np.float32)
+    return cv2.GaussianBlur(picture, (0, 0), blur) if blur > 0 else picture
+
+
+def _grown(mask: Bool[np.ndarray, "height width"], pixels: int) -> Bool[np.ndarray, "height width"]:
+    far = cv2.distanceTransform((np.asarray(mask) == 0).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    return far <= pixels
+
+
+@eqx.filter_jit
+def _least_square(
+    picture: Float[Array | np.ndarray, "height width 3"],
+    seen: Float[Array | np.ndarray, "height width 3"],
+    settings: PlateSettings,
+    shadows: bool,
+) -> Float[Array, "height width"]:
+    """Squared colour distance of each pixel to the nearest one in its surroundings, or to that one in shadow."""
+    height, width, _ = seen.shape
+    reach = settings.reach
+    padded = jnp.pad(jnp.asarray(picture) / 255, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
+    seen = jnp.asarray(seen) / 255
+    taps = 2 * reach + 1
+
+    def tap(index: Array, best: Array) -> Array:
+        top, left = index // taps, index % taps
+        there = jax.lax.dynamic_slice(padded, (top, left, 0), (height, width, 3))
+        square = jnp.sum((seen - there) ** 2, axis=-1)
+        if shadows:
+            factor = jnp.sum(seen * there, axis=-1) / jnp.maximum(jnp.sum(there**2, axis=-1), 1e-6)
+            dark = jnp.clip(factor, settings.shadow_low, settings.shadow_high)
+            light = jnp.clip(factor, 1 / settings.shadow_high, 1 / settings.shadow_low)
+            factor = jnp.where(factor < 1, dark, light)
+            square = jnp.minimum(square, jnp.sum((seen - factor[..., None] * there) ** 2, axis=-1))
+        return jnp.minimum(best, square)
+
+    return jax.lax.fori_loop(0, taps * taps, tap, jnp.full((height, width), jnp.inf))
