@@ -23,6 +23,7 @@ D = 39 degrees of freedom, J joints, B = 18 bodies, C cameras. Metres, radians, 
 import contextlib
 import json
 import os
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -39,7 +40,17 @@ from ._atomic import atomic_path, json_text, npz_bytes, plain
 from ._motion import Motion
 
 SCHEMA_VERSION = 1
-_DAMAGE = (zipfile.BadZipFile, zlib.error, ValueError, EOFError, OSError, NotImplementedError, MemoryError)
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    ValueError,
+    EOFError,
+    OSError,
+    NotImplementedError,
+    MemoryError,
+    SyntaxError,  # these two: numpy parses the header of an array before it compares the checksum
+    tokenize.TokenError,
+)
 
 
 def save(motion: Motion, folder: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -96,10 +107,10 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise InputError(f"The file {path} does not exist.")
     try:
-        archive = np.load(path, allow_pickle=False)
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise InputError(f"{path} is not an npz file; it holds a single array.")
-        with archive:
+        with path.open("rb") as file:
+            archive = np.load(file, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise InputError(f"{path} is not an npz file; it holds a single array.")
             return {name: archive[name] for name in archive.files}
     except InputError:
         raise

@@ -81,21 +81,22 @@ def test_a_lost_arm_leaves_part_of_the_person_uncovered(world):
 
 
 def test_a_lost_arm_is_found_further_afield(world):
-    """A fresh search: its region is larger than the usual one."""
+    """A fresh search: its region is larger than the usual one. One of three keys may miss, for chance leads it."""
     search = next(group for group in group_searches(world.character) if group.name == "l_arm")
     sampler = InteractingSimulatedAnnealing(
-        num_particles=64, num_iterations=12, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
+        num_particles=96, num_iterations=16, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
     )
-    stages = (Stage(search_energy(uncovered_scale=2.0, step=2, sampling="nearest"), 2, 12),)
-    start = lost_arm(world)
-    found = search(
-        stages, sampler, world.character, start, world.problem(FRAME), initial_spread(world.character),
-        jax.random.key(0), wide=0.5,
-    )  # fmt: skip
-    pose = retract(world.character.skeleton, start, found.increment)
-    before, after = (limb_errors(world, {"l_arm": search}, "l_arm", p).mean() for p in (start, pose))
-    assert before > 0.1
-    assert after < 0.05
+    energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
+    start, after = lost_arm(world), []
+    for key in range(3):
+        found = search(
+            (Stage(energy, 2, 16),), sampler, world.character, start, world.problem(FRAME),
+            initial_spread(world.character), jax.random.key(key), wide=0.5,
+        )  # fmt: skip
+        pose = retract(world.character.skeleton, start, found.increment)
+        after.append(limb_errors(world, {"l_arm": search}, "l_arm", pose).mean())
+    assert limb_errors(world, {"l_arm": search}, "l_arm", start).mean() > 0.1
+    assert np.median(after) < 0.02
 
 
 def test_the_same_key_gives_the_same_bits_and_another_key_others(find):
