@@ -11,7 +11,8 @@
     character    = jm.Character.load(capture.actor)
     registered   = jm.register(capture, cameras, character, key=key)
     key_poses    = {frame: found.pose for frame, found in registered.items()}
-    appearance   = jm.fit_capture_appearance(capture, cameras, character, key_poses, key=key)
+    settings     = jm.appearance_preset("normal")
+    appearance   = jm.fit_capture_appearance(capture, cameras, character, key_poses, key=key, settings=settings)
     observations = jm.observe(capture, cameras, character, appearance, key_poses)
     motion       = jm.track(observations, tracker=jm.Tracker.preset("normal"), key=key)
     motion.save("result")

@@ -17,6 +17,7 @@ from .motion import Motion as Motion
 from .track import (
     Registration as Registration,
     Tracker as Tracker,
+    appearance_preset as appearance_preset,
     observe as observe,
     read_pose_file as read_pose_file,
     register as register,
