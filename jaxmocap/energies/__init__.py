@@ -25,8 +25,10 @@ from ._model_view import (
     covered_cost as covered_cost,
     uncovered_cost as uncovered_cost,
 )
+from ._posture import Posture as Posture, bend as bend
 from ._search_energy import (
     Base as Base,
+    PoseTerm as PoseTerm,
     Scores as Scores,
     SearchEnergy as SearchEnergy,
     SearchTerm as SearchTerm,

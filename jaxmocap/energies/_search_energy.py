@@ -1,7 +1,7 @@
 """Eq. 5 and its relatives: a weighted sum of terms, scored for a whole generation of particles in one compiled call."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -10,12 +10,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxmocap.character import Character, Pose, retract
+from jaxmocap.character import Character, Pose, Skeleton, retract
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import WINDOW, draw
 
 from ._body import BodyPart, Region, base_buffers, part_jobs, pixels_outside
 from ._model_view import ModelView
+from ._posture import Posture
 from ._view_view import ViewView
 
 
@@ -34,8 +35,18 @@ class SearchTerm(Protocol):
     def score(self, prepared, buffers, outside, region, problem, layout) -> Float[Array, ""]: ...
 
 
+@runtime_checkable
+class PoseTerm(Protocol):
+    """A term of the search energy that looks at the pose itself, not at what is drawn."""
+
+    name: str
+    weight: Float[Array, ""]
+
+    def score_pose(self, skeleton: Skeleton, pose: Pose) -> Float[Array, ""]: ...
+
+
 class SearchEnergy(eqx.Module):
-    """A weighted sum of terms of the rendered pose. Weights are array leaves: changing them never recompiles."""
+    """A weighted sum of terms (`SearchTerm`, `PoseTerm`). Weights are array leaves: changing them never recompiles."""
 
     terms: tuple[Any, ...]
 
@@ -55,11 +66,20 @@ class SearchEnergy(eqx.Module):
 
 
 def search_energy(
-    model_view: float = 1.0, view_view: float = 0.3, *, uncovered_scale: float = 1.0, **view_view_options: Any
+    model_view: float = 1.0,
+    view_view: float = 0.3,
+    *,
+    posture: float | None = None,
+    uncovered_scale: float = 1.0,
+    **view_view_options: Any,
 ) -> SearchEnergy:
-    """Eq. 5: E_opt = sum_m E_mv + lambda sum_{m,n} E_vv with lambda = 0.3; without arguments the paper's."""
-    covered_or_not = ModelView(weight=model_view, uncovered_scale=uncovered_scale)
-    return SearchEnergy((covered_or_not, ViewView(weight=view_view, **view_view_options)))
+    """Eq. 5: E_opt = sum_m E_mv + lambda sum_{m,n} E_vv with lambda = 0.3; without arguments the paper's. With a weight
+    for `posture` that term is added."""
+    terms = (
+        ModelView(weight=model_view, uncovered_scale=uncovered_scale),
+        ViewView(weight=view_view, **view_view_options),
+    )
+    return SearchEnergy(terms if posture is None else (*terms, Posture(weight=posture)))
 
 
 class Scores(NamedTuple):
@@ -91,7 +111,10 @@ def prepare_base(
 ) -> Base:
     """Draw the rest of the body at `pose` and let every term prepare."""
     buffers, needed = base_buffers(character, part, pose, problem, capacity)
-    prepared = tuple(term.prepare(buffers, region, problem, part.layout) for term in energy.terms)
+    prepared = tuple(
+        () if isinstance(term, PoseTerm) else term.prepare(buffers, region, problem, part.layout)
+        for term in energy.terms
+    )
     far = jnp.zeros((), jnp.int32)
     for term, ready in zip(energy.terms, prepared, strict=True):
         if isinstance(term, ViewView):
@@ -128,7 +151,8 @@ def _score_in_turn(energy, character, part, pose, problem, region, base, increme
     """Terms (particle, term) and the windows needed (particle,), one particle after the other."""
     layout = part.layout
 
-    def one(posed: Array) -> tuple[Array, Array]:
+    def one(particle: tuple[Pose, Array]) -> tuple[Array, Array]:
+        moved, posed = particle
         drawn, outside, needed = [], [], []
         for camera in range(problem.num_cameras):
             jobs, screen = part_jobs(part, posed, problem, camera, region, capacity)
@@ -136,13 +160,15 @@ def _score_in_turn(energy, character, part, pose, problem, region, base, increme
             drawn.append(draw(base.buffers[camera], jobs, layout))
             needed.append(jobs.needed)
         values = [
-            term.score(ready, tuple(drawn), jnp.stack(outside), region, problem, layout)
+            term.score_pose(character.skeleton, moved)
+            if isinstance(term, PoseTerm)
+            else term.score(ready, tuple(drawn), jnp.stack(outside), region, problem, layout)
             for term, ready in zip(energy.terms, base.prepared, strict=True)
         ]
         return jnp.stack(values), jnp.stack(needed).max()
 
-    posed = jax.vmap(lambda delta: part.posed(character, retract(character.skeleton, pose, delta)))(increments)
-    return lax.map(one, posed)
+    moved = jax.vmap(lambda delta: retract(character.skeleton, pose, delta))(increments)
+    return lax.map(one, (moved, jax.vmap(lambda pose: part.posed(character, pose))(moved)))
 
 
 def _share_out(

@@ -104,7 +104,9 @@ class Tracker:
         a quick look."""
         if quality == "paper":
             return Tracker()
-        fast = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
+        fast = search_energy(
+            posture=0.005, uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore"
+        )
         plan = RefinePlan(
             edges="background",
             surface_flow=True,
@@ -114,7 +116,7 @@ class Tracker:
             contours=ContourSettings(reach=10),
         )
         if quality == "normal":
-            return Tracker(fast, SearchPlan(((2, 16),), particles=96, trunk=0.6, retry=0.03), plan)
+            return Tracker(fast, SearchPlan(((2, 16),), particles=96, trunk=0.6, retry=0.015), plan)
         if quality == "draft":
             coarse = SearchPlan(((4, 8),), particles=48, spread=0.6)
             return Tracker(fast, coarse, replace(plan, rounds=2))

@@ -10,6 +10,7 @@ from jaxmocap.energies import (
     Base,
     BodyPart,
     ModelView,
+    Posture,
     Region,
     Scores,
     SearchEnergy,
@@ -21,14 +22,14 @@ from jaxmocap.energies import (
 )
 from jaxmocap.observation import FrameProblem
 
-TERMS = ("model_view", "view_view", "coarse", "colour", "silhouette")
+TERMS = ("model_view", "view_view", "coarse", "colour", "silhouette", "posture")
 FRAME = 2  # not a selected one: its background models are warped
 PARTICLES = 144
 CAPACITY = 8192
 
 
 def energy_of(world) -> SearchEnergy:
-    """Eq. 6; Eq. 7 as printed, with every second pixel, and over agreeing pixels only; the silhouettes."""
+    """Eq. 6; Eq. 7 as printed, with every second pixel, and over agreeing pixels only; the silhouettes; the posture."""
     return SearchEnergy(
         (
             ModelView(),
@@ -36,6 +37,7 @@ def energy_of(world) -> SearchEnergy:
             ViewView(step=2, sampling="nearest"),
             ViewView(fail="ignore", outside="ignore"),
             Silhouette(jnp.asarray(world.masks(FRAME), jnp.float32)),
+            Posture(),
         )
     )
 

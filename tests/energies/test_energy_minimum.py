@@ -119,10 +119,11 @@ def test_silhouettes_agree_best_at_the_truth(sweeps):
 
 def test_weights_are_those_of_the_sum(world):
     energy = energy_of(world)
-    weights = tuple(jnp.asarray(value, jnp.float32) for value in (1.0, 0.3, 0.0, 2.0, 0.5))
+    weights = tuple(jnp.asarray(value, jnp.float32) for value in (1.0, 0.3, 0.0, 2.0, 0.5, 0.1))
     energy = eqx.tree_at(lambda e: [term.weight for term in e.terms], energy, weights)
     terms = score(world, np.zeros((1, 39)), energy)
-    expected = terms["model_view"] + 0.3 * terms["view_view"] + 2 * terms["colour"] + 0.5 * terms["silhouette"]
+    images = terms["model_view"] + 0.3 * terms["view_view"] + 2 * terms["colour"] + 0.5 * terms["silhouette"]
+    expected = images + 0.1 * terms["posture"]
     np.testing.assert_allclose(terms["total"], expected, rtol=1e-5)
 
 

@@ -43,7 +43,7 @@ def test_the_folder_holds_the_result(result):
     np.testing.assert_array_equal(loaded.angles, motion.angles)
     np.testing.assert_array_equal(loaded.frames, np.arange(6))
     assert set(loaded.status) <= {"ok", "doubtful", "lost"}
-    assert set(loaded.energy) == {"model_view", "view_view", "covered"}
+    assert set(loaded.energy) == {"model_view", "view_view", "posture", "covered"}
     assert all(np.all(np.isfinite(values)) for values in loaded.energy.values())
     assert ("track", 6, 6) in told
 
