@@ -14,6 +14,8 @@ from jaxmocap.refiners import AbstractRefiner, RefineProblem
 
 from ._least_squares import LandmarkRays
 
+LIMB_STARTS = 12
+
 BODY_25 = {
     0: ("nose",),
     1: ("l_shoulder", "r_shoulder"),
@@ -126,8 +128,9 @@ def inverse_kinematics(
 ) -> tuple[Pose, float]:
     """Pose whose landmarks lie on the keypoints' rays, joint limits kept: the paper's "rough registered skeleton".
 
-    Least squares from `starts` starts (the torso's root with other joint angles each), the best one returned with its
-    RMS distance to the rays in metres. Raises `InputError` when fewer than three points are seen in two views.
+    Least squares from `starts` starts (the torso's root with other joint angles each); then every limb of the best one
+    starts anew from `LIMB_STARTS` places within its limits, for one limb of many is easily folded wrongly. Returned
+    with its RMS distance to the rays in metres. Raises `InputError` when fewer than three points are seen in two views.
     """
     points, known = triangulated(view, keypoints)
     if known.sum() < 3:
@@ -145,22 +148,36 @@ def inverse_kinematics(
             vector = jnp.zeros(39).at[:3].set(jnp.asarray(centre, jnp.float32)).at[4].set(yaw)
             bases.append(pose_from_vector(skeleton, vector))
     generator = np.random.default_rng(0)
-    best: tuple[float, Pose] | None = None
+    best: tuple[float, Pose, Array] | None = None
     per_base = max(2, starts // len(bases))
     for base in bases:
         shares = generator.uniform(0.05, 0.5, (per_base, 33)) * generator.integers(0, 2, (per_base, 33))
         shares[0] = 0
         side = np.where(generator.random((per_base, 33)) < 0.7, np.asarray(skeleton.upper), np.asarray(skeleton.lower))
         start = jnp.concatenate([jnp.zeros((per_base, 6)), jnp.asarray(shares * side, jnp.float32)], -1)
-        deltas, costs = _solve_starts(character, base, lines, refiner, start)
-        costs = np.asarray(costs)
-        winner = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
-        if best is None or float(costs[winner]) < best[0]:
-            best = (float(costs[winner]), clamp(skeleton, retract(skeleton, base, deltas[winner])))
+        cost, delta = _best_of(character, base, lines, refiner, start)
+        if best is None or cost < best[0]:
+            best = (cost, base, delta)
     assert best is not None
-    pose = best[1]
+    cost, base, delta = best
+    lower, upper = (np.asarray(limit) - np.asarray(base.angles) for limit in (skeleton.lower, skeleton.upper))
+    for dofs in (np.array(dofs) for name, dofs in skeleton.groups if name.endswith(("arm", "leg"))):
+        start = np.tile(np.asarray(delta), (LIMB_STARTS, 1))
+        start[:, dofs] = generator.uniform(lower[dofs - 6], upper[dofs - 6], (LIMB_STARTS, len(dofs)))
+        anew = _best_of(character, base, lines, refiner, jnp.asarray(start))
+        cost, delta = anew if anew[0] < cost else (cost, delta)
+    pose = clamp(skeleton, retract(skeleton, base, delta))
     error = jnp.cross(lines.mix @ landmark_positions(skeleton, pose), lines.direction) - lines.moment
     return pose, float(jnp.sqrt(jnp.mean(jnp.sum(error**2, -1))))
+
+
+def _best_of(
+    character: Character, base: Pose, lines: LandmarkRays, refiner: AbstractRefiner, starts: Float[Array, "start dof"]
+) -> tuple[float, Float[Array, "dof"]]:
+    deltas, costs = _solve_starts(character, base, lines, refiner, starts)
+    costs = np.where(np.isfinite(costs), costs, np.inf)
+    winner = int(np.argmin(costs))
+    return float(costs[winner]), deltas[winner]
 
 
 @eqx.filter_jit

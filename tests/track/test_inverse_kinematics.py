@@ -6,7 +6,7 @@ import pytest
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import project
-from jaxmocap.character import landmark_positions
+from jaxmocap.character import Pose, clamp, landmark_positions, rest_pose
 from jaxmocap.refiners import Shooting
 from jaxmocap.track import inverse_kinematics, keypoint_rays
 
@@ -19,11 +19,10 @@ POINTS = {
 MIDDLES = {1: ("l_shoulder", "r_shoulder"), 8: ("l_hip", "r_hip")}
 
 
-@pytest.fixture(scope="module")
-def keypoints(world):
+def keypoints_of(world, pose):
     """BODY_25 points of both views without error; eyes, ears and small toes are not found."""
     skeleton, view = world.character.skeleton, world.cameras.at(FRAME)
-    places = np.asarray(landmark_positions(skeleton, world.pose(FRAME)))
+    places = np.asarray(landmark_positions(skeleton, pose))
     at = dict(zip(skeleton.landmark_names, places, strict=True))
     body = np.zeros((25, 3), np.float32)
     for name, index in POINTS.items():
@@ -33,6 +32,11 @@ def keypoints(world):
     pixels, _ = project(view.intrinsics, view.cam_from_world, jnp.asarray(body))
     confidence = np.isin(np.arange(25), [*POINTS.values(), *MIDDLES]).astype(np.float32)
     return [np.concatenate([np.asarray(p), confidence[:, None]], 1) for p in pixels]
+
+
+@pytest.fixture(scope="module")
+def keypoints(world):
+    return keypoints_of(world, world.pose(FRAME))
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +51,22 @@ def landmark_errors(world, pose):
     skeleton = world.character.skeleton
     wanted = [skeleton.landmark_names.index(name) for name in POINTS]
     return np.linalg.norm(np.asarray(landmark_positions(skeleton, pose)) - world.truth.joints[FRAME], axis=1)[wanted]
+
+
+def test_a_limb_that_no_start_comes_near_is_found(world):
+    """Two starts for the whole body leave it to the limbs' own starts to fold this arm."""
+    skeleton = world.character.skeleton
+    angles = np.asarray(rest_pose(skeleton).angles).copy()
+    for name, degrees in (("flex", 60), ("abd", 40), ("axial", 60)):
+        angles[skeleton.dof_names.index(f"l_shoulder_{name}") - 6] = np.deg2rad(degrees)
+    angles[skeleton.dof_names.index("l_elbow_flex") - 6] = np.deg2rad(80)
+    pose = clamp(skeleton, Pose(world.pose(FRAME).root, jnp.asarray(angles)))
+    view = world.cameras.at(FRAME)
+    found, rms = inverse_kinematics(world.character, view, keypoints_of(world, pose), Shooting(), starts=2)
+    wrist = skeleton.landmark_names.index("l_wrist")
+    error = landmark_positions(skeleton, found)[wrist] - landmark_positions(skeleton, pose)[wrist]
+    assert np.linalg.norm(error) < 0.02
+    assert rms < 0.01
 
 
 def test_known_pose_is_recovered(world, keypoints, solve):
