@@ -2,5 +2,6 @@
 
 from ._capture import Capture as Capture
 from ._check import check as check
+from ._check_geometry import check_subject as check_subject
 from ._findings import Finding as Finding
 from ._keypoints import KEYPOINT_NAMES as KEYPOINT_NAMES

@@ -1,6 +1,6 @@
 """Checks that need cameras: their paths, and whether keypoints seen through them make a person of human size."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import combinations
 
 import jax
@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from jaxmocap.camera import Cameras, View, project, ranges, triangulate
 
 from ._capture import Capture
+from ._check_handedness import handedness_findings
 from ._findings import Finding
 from ._keypoints import KEYPOINT_NAMES
 
@@ -166,16 +167,19 @@ def _angle_findings(angles: list[float]) -> Iterator[Finding]:
         yield Finding("note", "cameras", f"the cameras see the person from directions {angle:.0f} degrees apart")
 
 
-def check_subject(capture: Capture, cameras: Cameras) -> list[Finding]:
-    """Triangulates the keypoints: residuals, side of the camera, view angle, and the height of the person."""
+def check_subject(capture: Capture, cameras: Cameras, frames: Iterable[int] | None = None) -> list[Finding]:
+    """Triangulates the keypoints of `frames` (default: the selected ones, or a few): residuals, side of the camera,
+    view angle, height of the person, and whether it is inside out."""
     findings: list[Finding] = []
-    statures, angles = [], []
-    for frame in _frames_to_try(capture):
+    people, statures, angles = [], [], []
+    for frame in _frames_to_try(capture) if frames is None else frames:
         points = _points_at(capture, cameras, frame, findings)
         if points is None:
             continue
+        people.append(points)
         statures.append(_stature(points))
         rays = np.nanmedian(points, axis=0) - np.asarray(cameras.centres()[:, frame])
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         angles.append(max(float(np.degrees(np.arccos(np.clip(a @ b, -1, 1)))) for a, b in combinations(rays, 2)))
+    findings += handedness_findings(people, trusted=min(angles, default=0.0) >= _SMALLEST_ANGLE)
     return [*findings, *_size_findings(statures, "cameras"), *_angle_findings(angles)]

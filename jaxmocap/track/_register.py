@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
-from jaxmocap.capture import Capture
+from jaxmocap.capture import Capture, check_subject
 from jaxmocap.character import Character, Pose, pose_from_vector, pose_vector, rest_pose, retract, skin
 from jaxmocap.energies import ContourSettings, SearchEnergy, Silhouette, contour_lines
 from jaxmocap.observation import (
@@ -368,9 +368,16 @@ def register(
     start: Pose | None = None,
     settings: RegistrationSettings | None = None,
 ) -> dict[int, Registration]:
-    """Register the mesh at the selected frames of a capture (Gamma), or at `frames`."""
+    """Register the mesh at the selected frames of a capture (Gamma), or at `frames`.
+
+    Raises `InputError` when the keypoints and the cameras cannot both be right (another unit, mirrored cameras).
+    """
     key = jax.random.key(0) if key is None else key
     frames = frames if frames is not None else (capture.selected_frames or (0,))
+    if start is None:
+        for finding in check_subject(capture, cameras, frames):
+            if finding.severity == "error":
+                raise InputError(f"capture '{capture.name}': {finding.message}")
     surface = surface_of(character, None, cameras.num_cameras)
     return {
         frame: register_frame(

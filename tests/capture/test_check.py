@@ -6,7 +6,7 @@ import pytest
 from small_captures import PERSON, POSES, look_at_pose, make_video, write_keypoints, write_mask, write_model
 
 from jaxmocap._results import InputError
-from jaxmocap.capture import Capture, Finding, check
+from jaxmocap.capture import KEYPOINT_NAMES, Capture, Finding, check
 
 
 def _toml(folder: Path, old: str, new: str) -> None:
@@ -215,6 +215,21 @@ def test_cameras_that_look_away_from_the_person_are_called_mirrored(small: Path)
         for name in POSES:
             write_keypoints(small / "keypoints" / f"{name}_{frame:05d}_keypoints.json", away[name])
     assert _said(check(small), "error", "frame 0 lie behind cam0, cam1")
+
+
+def test_a_world_with_one_axis_reversed_is_called_mirrored(small: Path):
+    for axis in range(3):
+        reverse = np.diag([-1.0 if i == axis else 1.0 for i in (0, 1, 2, 3)])
+        image = np.diag([-1.0, 1.0, 1.0, 1.0])  # keeps every rotation a rotation
+        write_model(small / "cameras", {name: image @ pose @ reverse for name, pose in POSES.items()}, 12)
+        assert _said(check(small), "error", "point backwards", "mirrored")
+
+
+def test_left_and_right_exchanged_in_all_keypoints_is_named(small: Path):
+    other = {"l": "r", "r": "l"}
+    exchanged = [KEYPOINT_NAMES.index(other.get(n[0], n[0]) + n[1:] if n[1] == "_" else n) for n in KEYPOINT_NAMES]
+    _retake(small, POSES, PERSON[exchanged])
+    assert _said(check(small), "error", "left and right are exchanged")
 
 
 def test_a_camera_that_jumps_for_one_frame_is_named(small: Path):

@@ -86,3 +86,10 @@ def test_a_person_behind_the_camera_is_refused_in_a_sentence(world):
     behind = eqx.tree_at(lambda p: p.root, world.pose(0), world.pose(0).root.at[:3, 3].add(jnp.array([0, 0, 30.0])))
     with pytest.raises(InputError, match=r"the person lies behind camera 'cam[01]' at frame 0"):
         register(world.capture, world.cameras, world.character, (0,), start=behind, settings=QUICK)
+
+
+def test_mirrored_cameras_are_refused_in_a_sentence(world):
+    reverse = jnp.diag(jnp.array([-1.0, 1.0, 1.0, 1.0]))
+    mirrored = eqx.tree_at(lambda c: c.cam_from_world, world.cameras, reverse @ world.cameras.cam_from_world @ reverse)
+    with pytest.raises(InputError, match=r"capture 'synthetic': .* point backwards: the cameras are mirrored"):
+        register(world.capture, mirrored, world.character, (0,), settings=QUICK)
