@@ -37,4 +37,5 @@ from ._search_energy import (
     search_energy as search_energy,
 )
 from ._silhouette import Silhouette as Silhouette
+from ._soft_energy import SoftScore as SoftScore, soft_score as soft_score
 from ._view_view import ViewView as ViewView, are_near as are_near, partner_pixels as partner_pixels

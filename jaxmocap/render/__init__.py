@@ -1,9 +1,11 @@
+from ._coverage import covered_area as covered_area
 from ._face_ids import (
     face_ids as face_ids,
     inverse_depth_range as inverse_depth_range,
     projection_matrices as projection_matrices,
 )
 from ._keys import WINDOW as WINDOW, KeyLayout as KeyLayout, crop as crop, empty_buffer as empty_buffer
+from ._soft_faces import SoftFaces as SoftFaces, SoftSettings as SoftSettings, soft_faces as soft_faces
 from ._windows import (
     Jobs as Jobs,
     draw as draw,

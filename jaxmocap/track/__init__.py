@@ -3,6 +3,7 @@
 from ._confidence import Verdict as Verdict, VerdictSettings as VerdictSettings, judge as judge
 from ._frame import FrameResult as FrameResult, FrameTracker as FrameTracker
 from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, keypoint_rays as keypoint_rays
+from ._polish import PolishPlan as PolishPlan, polish as polish
 from ._register import (
     Overrides as Overrides,
     Registration as Registration,

@@ -24,6 +24,12 @@ def test_the_same_arguments_give_the_same_bytes(small_capture):
     )
 
 
+def test_the_same_capture_is_written_to_the_same_bytes(small_capture, tmp_path):
+    folders = [write_capture(small_capture, tmp_path / name) for name in ("first", "second", "third")]
+    files = [{file.name: file.read_bytes() for file in folder.rglob("*") if file.is_file()} for folder in folders]
+    assert files[0] == files[1] == files[2]
+
+
 def test_the_scene_and_the_skin_are_rebuilt_the_same():
     for a, b in zip(make_scene(1).panels, make_scene.__wrapped__(1).panels, strict=True):
         assert a.pyramid.atlas.tobytes() == b.pyramid.atlas.tobytes()

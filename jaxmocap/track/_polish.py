@@ -1,0 +1,83 @@
+"""Polish: the energy of the search itself, made smooth, followed downhill from where the search ended.
+
+Not in the paper, whose refinement minimises another energy than its search ("the objective of global optimization and
+local optimization is not consistent") and names this as future work.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array, Float
+
+from jaxmocap.character import Character, Pose, clamp, retract
+from jaxmocap.energies import SearchEnergy, soft_score
+from jaxmocap.observation import FrameProblem
+from jaxmocap.render import SoftSettings
+
+_UNIT = np.concatenate([np.full(3, 0.02), np.full(3, 0.05), np.full(33, 0.1)]).astype(np.float32)
+"""Metres and radians that count as one step: the valleys of the energy are about as wide."""
+
+
+@dataclass(frozen=True)
+class PolishPlan:
+    """At most `steps` of a quasi-Newton method (BFGS) on Eq. 5 with soft visibility. `tolerance` is the relative and
+    absolute change of energy and pose at which it stops."""
+
+    steps: int = 15
+    tolerance: float = 1e-4
+    soft: SoftSettings = field(default_factory=SoftSettings)
+
+
+def fitted(settings: SoftSettings, needed: Float[np.ndarray, "3"]) -> SoftSettings:
+    """Settings whose bounds hold `needed` windows, pixels and shares: powers of two, so that they seldom change."""
+    windows, pixels, shares = (2 ** int(np.ceil(np.log2(max(1.2 * count, 256)))) for count in np.asarray(needed))
+    return replace(settings, windows=windows, pixels=pixels, shares=shares)
+
+
+@eqx.filter_jit
+def _measure(energy, character, pose, problem, settings):
+    return soft_score(energy, character, pose, problem, settings)
+
+
+@eqx.filter_jit
+def _descend(energy, character, pose, problem, settings, steps, tolerance):
+    skeleton = character.skeleton
+    unit = jnp.asarray(_UNIT)
+
+    def moved(step: Float[Array, "dof"]) -> Pose:
+        return clamp(skeleton, retract(skeleton, pose, unit * step))
+
+    def value(step: Float[Array, "dof"], _: None) -> tuple[Float[Array, ""], Array]:
+        score = soft_score(energy, character, moved(step), problem, settings)
+        return score.total, score.needed
+
+    solver = optimistix.BFGS(rtol=tolerance, atol=tolerance)
+    found = optimistix.minimise(value, solver, jnp.zeros(39), has_aux=True, max_steps=steps, throw=False)
+    best = jnp.where(jnp.isfinite(found.value).all(), found.value, 0.0)
+    return moved(best), value(best, None)
+
+
+def polish(
+    energy: SearchEnergy, character: Character, pose: Pose, problem: FrameProblem, plan: PolishPlan | None = None
+) -> tuple[Pose, float, float]:
+    """The pose after going downhill on the soft Eq. 5, within the joint limits, and the soft energy before and after.
+
+    Called from the host: bounds of `plan.soft` that are too small are enlarged. The pose stays as it was when no step
+    lowers the energy.
+    """
+    plan = PolishPlan() if plan is None else plan
+    before = _measure(energy, character, pose, problem, plan.soft)
+    needed = np.asarray(before.needed)
+    while True:
+        settings = fitted(plan.soft, needed)
+        better, (after, used) = _descend(energy, character, pose, problem, settings, plan.steps, plan.tolerance)
+        if (np.asarray(used) <= (settings.windows, settings.pixels, settings.shares)).all():
+            break
+        needed = np.maximum(needed, np.asarray(used))
+    before = _measure(energy, character, pose, problem, settings)
+    if float(after) < float(before.total):
+        return better, float(before.total), float(after)
+    return pose, float(before.total), float(before.total)
