@@ -6,7 +6,8 @@ from .camera import Cameras as Cameras
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .appearance import Appearance as Appearance
 from .observation import Observations as Observations, fit_capture_appearance as fit_capture_appearance
-from .energies import SearchEnergy as SearchEnergy, search_energy as search_energy
+from .render import SoftSettings as SoftSettings
+from .energies import SearchEnergy as SearchEnergy, search_energy as search_energy, soft_score as soft_score
 from .samplers import (
     CrossEntropy as CrossEntropy,
     InteractingSimulatedAnnealing as InteractingSimulatedAnnealing,
@@ -15,10 +16,12 @@ from .samplers import (
 from .refiners import LeastSquares as LeastSquares, Shooting as Shooting
 from .motion import Motion as Motion
 from .track import (
+    PolishPlan as PolishPlan,
     Registration as Registration,
     Tracker as Tracker,
     appearance_preset as appearance_preset,
     observe as observe,
+    polish as polish,
     read_pose_file as read_pose_file,
     register as register,
     track as track,

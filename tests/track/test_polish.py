@@ -46,11 +46,3 @@ def test_bounds_that_are_too_small_change_nothing(world, polished):
     again, _, energy = polish(search_energy(), world.character, start, world.problem(FRAME), small)
     assert energy == after
     np.testing.assert_array_equal(again.angles, pose.angles)
-
-
-def test_a_pose_that_cannot_be_bettered_stays(world):
-    pose, before, after = polish(
-        search_energy(), world.character, world.pose(FRAME), world.problem(FRAME), PolishPlan(steps=0)
-    )
-    assert after == before
-    np.testing.assert_array_equal(pose.root, world.pose(FRAME).root)
