@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from jaxmocap._cli import run
-from jaxmocap._cli._output import show
+from jaxmocap._cli._output import progress, show
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_capture, write_capture
 
@@ -296,3 +296,12 @@ def test_the_demo_of_a_few_frames_runs_from_nothing(tmp_path):
     assert scores["frames"] == 4
     assert scores["marker_error_cm"]["mean"] < 5
     assert {path.name for path in (tmp_path / "demo").iterdir()} == {"capture", "result", "contact_sheet.png"}
+
+
+def test_away_from_a_terminal_long_stages_say_every_tenth(capsys):
+    with progress() as report:
+        for stage, total in (("register", 2), ("track", 40)):
+            for done in range(total + 1):
+                report(stage, done, total)
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["register ...", "track ...", *(f"track {done} of 40" for done in range(4, 41, 4))]

@@ -28,7 +28,8 @@ def show(value: Any, as_text: Callable[[], Any], *, json_wanted: bool) -> None:
 
 @contextlib.contextmanager
 def progress() -> Iterator[Report]:
-    """A bar per stage on standard error, drawn only on a terminal; elsewhere one line when a stage begins."""
+    """A bar per stage on standard error, drawn only on a terminal; elsewhere a line when a stage begins and
+    at every tenth of a long one."""
     console = Console(stderr=True, highlight=False)
     columns = (
         TextColumn("{task.description:<24}"),
@@ -38,13 +39,17 @@ def progress() -> Iterator[Report]:
         TimeRemainingColumn(),
     )
     bars = Progress(*columns, console=console, disable=not console.is_terminal)
-    tasks = {}
+    tasks, tenths = {}, {}
 
     def report(stage: str, done: int, total: int) -> None:
+        tenth = 10 * done // max(total, 1)
         if stage not in tasks:
-            tasks[stage] = bars.add_task(stage, total=total)
+            tasks[stage], tenths[stage] = bars.add_task(stage, total=total), tenth
             if not console.is_terminal:
                 say(f"{stage} ...")
+        elif tenth > tenths[stage] and total >= 20 and not console.is_terminal:
+            tenths[stage] = tenth
+            say(f"{stage} {done} of {total}")
         bars.update(tasks[stage], completed=done, total=total)
 
     with bars:
