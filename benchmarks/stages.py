@@ -10,7 +10,6 @@ noisy.
 
 import argparse
 import json
-import os
 import resource
 import sys
 import tempfile
@@ -22,6 +21,7 @@ import jaxmocap
 jaxmocap.prepare()
 
 import numpy as np  # noqa: E402
+from figures import Figure, add_options, finish, record  # noqa: E402
 
 from jaxmocap._pipeline import track_capture  # noqa: E402
 from jaxmocap.metrics import evaluate  # noqa: E402
@@ -31,12 +31,7 @@ ERROR_TOLERANCE = 0.1
 MEMORY_TOLERANCE = 0.2
 
 
-def record(metric: str, value: float, unit: str, tolerance: float) -> dict[str, object]:
-    """One figure; all of ours are better when lower."""
-    return {"metric": metric, "value": round(value, 4), "unit": unit, "direction": "lower", "tolerance": tolerance}
-
-
-def measure(capture: Path, frames: tuple[int, int] | None, quality: str, seed: int) -> list[dict[str, object]]:
+def measure(capture: Path, frames: tuple[int, int] | None, quality: str, seed: int) -> list[Figure]:
     """Track and read the figures off the report."""
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
@@ -77,38 +72,17 @@ def measure(capture: Path, frames: tuple[int, int] | None, quality: str, seed: i
     return figures
 
 
-def worse(figures: list[dict[str, object]], baseline: list[dict[str, object]]) -> list[str]:
-    """Sentences about figures beyond their tolerance."""
-    before = {entry["metric"]: float(entry["value"]) for entry in baseline}
-    return [
-        f"{f['metric']}: {f['value']} {f['unit']}, was {before[f['metric']]}"
-        for f in figures
-        if f["metric"] in before and float(f["value"]) > before[f["metric"]] * (1 + float(f["tolerance"])) + 1e-9
-    ]
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("capture", type=Path)
     parser.add_argument("--frames", help="A:B")
     parser.add_argument("--quality", default="normal", choices=("draft", "normal", "paper"))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--gate", type=Path)
+    add_options(parser)
     options = parser.parse_args()
     frames = tuple(int(part) for part in options.frames.split(":")) if options.frames else None
     figures = measure(options.capture, frames, options.quality, options.seed)
-    for figure in figures:
-        print(f"{figure['metric']:55s} {figure['value']:10.3f} {figure['unit']}")
-    if options.out:
-        options.out.write_text(
-            json.dumps({"cores": os.cpu_count(), "quality": options.quality, "figures": figures}, indent=1)
-        )
-    if options.gate:
-        complaints = worse(figures, json.loads(options.gate.read_text())["figures"])
-        print(*complaints, sep="\n", file=sys.stderr)
-        return 1 if complaints else 0
-    return 0
+    return finish(figures, options, quality=options.quality, capture=options.capture.name)
 
 
 if __name__ == "__main__":

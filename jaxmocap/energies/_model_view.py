@@ -37,9 +37,9 @@ class ModelView(eqx.Module):
     """Eq. 6, summed over the views (the first sum of Eq. 5).
 
     `uncovered_scale` 1 is the printed equation; 2 makes both sides symmetric; more trusts the background more than the
-    surface's colours, which pays where it is a clean plate. `outside` is the cost of a mesh pixel
-    that leaves the rectangle: 1 keeps a pose from hiding there, 0 is the printed equation. `shading` "palette" looks
-    psi_f up in the table of palette colours, whose error `benchmarks/` reports.
+    surface's colours, which pays where it is a clean plate. `outside` is the cost of a mesh pixel that leaves the
+    rectangle: 1 keeps a pose from hiding there, 0 is the printed equation. psi_f is looked up in the table of palette
+    colours; `palette_error` says what that costs.
     """
 
     weight: Float[Array, ""] = knob(1.0)

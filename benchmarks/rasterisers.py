@@ -1,0 +1,338 @@
+"""Scoring particles by Eq. 6 against hand-written C++, and drawing one body against the rasterisers people use.
+
+    python benchmarks/rasterisers.py --out rasterisers.json
+
+One core. All sides draw the same poses of the same mesh into the same rectangles, in turns within one run; times are
+medians of process time, so that other programs on the machine disturb them little. Beside every time stands how well
+the answers agree. What is not installed is skipped with a reason: a C++ compiler, embreex (`pip install embreex`),
+PyTorch3D.
+"""
+
+import argparse
+import ctypes
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+os.environ["JAX_NUM_CPU_DEVICES"] = "1"
+os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_multi_thread_eigen=false"
+
+import cv2
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from figures import Figure, add_options, finish, record
+
+from jaxmocap.capture import Capture
+from jaxmocap.character import Character, Pose, body_transforms, retract, skin
+from jaxmocap.energies import (
+    Base,
+    BodyPart,
+    ModelView,
+    Region,
+    Scores,
+    SearchEnergy,
+    base_buffers,
+    body_part,
+    prepare_base,
+    score_particles,
+    search_energy,
+    uncovered_cost,
+)
+from jaxmocap.observation import (
+    FrameImages,
+    FrameProblem,
+    Observations,
+    fit_capture_appearance,
+    place_rectangle,
+    projected_box,
+)
+from jaxmocap.render import crop, face_ids
+from jaxmocap.synthetic import make_capture, write_capture
+
+CAPACITY = 16384
+EPSILON = 1e-3
+GROUPS = ("root", "torso", "l_arm", "l_leg")
+
+
+def median_ms(sides: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+    """Median process time of every side in milliseconds, taken in turns after one call that warms up."""
+    times: dict[str, list[float]] = {name: [] for name in sides}
+    for call in sides.values():
+        call()
+    for _ in range(repeats):
+        for name, call in sides.items():
+            begin = time.process_time()
+            call()
+            times[name].append(1e3 * (time.process_time() - begin))
+    return {name: float(np.median(taken)) for name, taken in times.items()}
+
+
+def built() -> ctypes.CDLL | None:
+    """`z_buffer.cpp`, compiled for this machine; None without a compiler."""
+    compiler = shutil.which("g++") or shutil.which("clang++")
+    if compiler is None:
+        return None
+    library = Path(tempfile.mkdtemp()) / "z_buffer.so"
+    flags = ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only", "-std=c++17", "-shared", "-fPIC"]
+    source = Path(__file__).with_name("z_buffer.cpp")
+    subprocess.run([compiler, *flags, str(source), "-o", str(library)], check=True)
+    return ctypes.CDLL(str(library))
+
+
+def scene() -> tuple[Character, Pose, FrameProblem]:
+    """A frame of the built-in capture at 960 x 540, as the tracker sees it."""
+    truth = make_capture(3, (960, 540), sensor_noise=0.0)
+    with tempfile.TemporaryDirectory() as folder:
+        capture = Capture.open(write_capture(truth, Path(folder) / "capture"))
+        poses = {frame: truth.pose(frame) for frame in truth.selected_frames}
+        appearance = fit_capture_appearance(capture, truth.cameras, truth.character, poses, key=jax.random.key(0))
+        observations = Observations(capture, truth.cameras, truth.character, appearance, poses)
+        view, vertices = truth.cameras.at(2), np.asarray(skin(truth.character, truth.pose(2)))
+        lenses = zip(np.asarray(view.intrinsics), np.asarray(view.cam_from_world), strict=True)
+        boxes = [projected_box(vertices, matrix, pose) for matrix, pose in lenses]
+        rectangle = place_rectangle(np.stack(boxes), np.zeros(2), truth.cameras.sizes, names=truth.cameras.names)
+        shown = FrameImages(2, float(truth.timestamps[2]), list(truth.images[2]))
+        return truth.character, truth.pose(2), observations.problem(shown, rectangle, truth.pose(2))
+
+
+class Case(NamedTuple):
+    """Particles of one group in one frame."""
+
+    character: Character
+    part: BodyPart
+    pose: Pose
+    problem: FrameProblem
+    region: Region
+    increments: np.ndarray
+
+
+def region_of(
+    character: Character, part: BodyPart, pose: Pose, problem: FrameProblem, increments: np.ndarray
+) -> Region:
+    """The smallest region, in steps of 16 pixels, that holds the part for all increments in both views."""
+    height, width = problem.size
+    if part.faces.shape[1] == part.num_faces:
+        return Region(jnp.zeros((2, 2), jnp.int32), problem.size)
+    boxes = []
+    for delta in increments:
+        points = np.asarray(part.posed(character, retract(character.skeleton, pose, jnp.asarray(delta))))
+        flat = np.einsum("cij,vj->cvi", np.asarray(problem.projection)[:, :, :3], points)
+        flat += np.asarray(problem.projection)[:, None, :, 3]
+        pixels = flat[..., :2] / flat[..., 2:] - np.asarray(problem.origins)[:, None, ::-1]
+        boxes.append(np.concatenate([pixels.min(1), pixels.max(1)], -1))
+    low, high = np.min(boxes, 0)[:, :2] - 4, np.max(boxes, 0)[:, 2:] + 4
+    size = [min(int(-(-extent // 16) * 16), full) for extent, full in
+            zip((high - low).max(0)[::-1], (height, width), strict=True)]  # fmt: skip
+    corner = np.clip(low[:, ::-1], 0, [height - size[0], width - size[1]])
+    return Region(jnp.asarray(corner // 8 * 8, jnp.int32), (size[0] // 8 * 8, size[1] // 8 * 8))
+
+
+def jax_scores(energy: SearchEnergy, case: Case, capacity: int = CAPACITY) -> tuple[Base, Callable[[], Scores]]:
+    """What the particles share, and a call that scores them with room for `capacity` windows."""
+    character, part, pose, problem, region, increments = case
+
+    @eqx.filter_jit
+    def prepared(problem):
+        return prepare_base(energy, character, part, pose, problem, region, CAPACITY)
+
+    @eqx.filter_jit
+    def scored(base, problem, increments):
+        return score_particles(energy, character, part, pose, problem, region, base, increments, capacity)
+
+    base, rows = prepared(problem), jnp.asarray(increments)
+    return base, lambda: jax.block_until_ready(scored(base, problem, rows))
+
+
+def c_scores(library: ctypes.CDLL, case: Case) -> tuple[Callable[[], None], np.ndarray]:
+    """The same by `z_buffer.cpp`: a call, and where it leaves the totals."""
+    character, part, pose, problem, region, increments = case
+
+    def plain(values, kind=np.float32) -> np.ndarray:
+        return np.ascontiguousarray(np.asarray(values), kind)
+
+    poses = [retract(character.skeleton, pose, jnp.asarray(delta)) for delta in increments]
+    bones = plain([np.asarray(body_transforms(character.skeleton, moved))[:, :3] for moved in poses])
+    weights = np.asarray(part.weights)
+    index = np.argsort(-weights, 1)[:, :4]
+    share = np.take_along_axis(weights, index, 1)
+    buffers, _ = eqx.filter_jit(base_buffers)(character, part, pose, problem, CAPACITY)
+    keys, layout = crop(buffers), part.layout
+    ids = layout.face(keys)
+    depth = jnp.stack([layout.inverse_depth(keys[c], problem.depth_range[c]) for c in range(2)])
+    depth = jnp.where(ids >= 0, depth, 0.0)
+
+    def cut(values) -> np.ndarray:
+        return np.stack([np.asarray(region.cut(values[c], c)) for c in range(2)])
+
+    table = plain(problem.surface.colour_distance)
+    arrays = (
+        bones, plain(part.vertices), plain(index, np.int32), plain(share / share.sum(1, keepdims=True)),
+        plain(part.faces.T, np.int32), plain(part.face_numbers, np.int32), plain(problem.projection),
+        plain(problem.origins + region.corners, np.int32), plain(cut(problem.labels), np.int32),
+        plain(cut(problem.background)), plain(cut(uncovered_cost(problem.background, EPSILON))), plain(cut(depth)),
+        plain(cut(ids), np.int32), table,
+    )  # fmt: skip
+    sizes = (len(bones), bones.shape[1], len(part.vertices), part.faces.shape[1], 2, *region.size, *table.shape[1:])
+    out, seen = np.zeros(len(bones)), np.zeros((2, *region.size), np.int32)
+
+    def call() -> None:
+        pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+        library.score(
+            *map(ctypes.c_int, sizes), *pointers, ctypes.c_float(EPSILON),
+            ctypes.c_void_p(out.ctypes.data), ctypes.c_void_p(seen.ctypes.data),
+        )  # fmt: skip
+
+    return call, out
+
+
+def against_cpp(library: ctypes.CDLL, repeats: int, particles: int) -> list[Figure]:
+    """Milliseconds per render, ratio, and the largest difference of the energies, for every kind of group."""
+    character, pose, problem = scene()
+    figures = []
+    eq6, both = SearchEnergy((ModelView(outside=0.0),)), search_energy()
+    for name in GROUPS:
+        dofs = character.skeleton.group(name)
+        part = body_part(character, dofs)
+        increments = np.zeros((particles, 39), np.float32)
+        spread = np.where(np.array(dofs) < 3, 0.02, 0.05)
+        increments[:, list(dofs)] = np.random.default_rng(0).normal(0, spread, (particles, len(dofs)))
+        region = region_of(character, part, pose, problem, increments)
+        case = Case(character, part, pose, problem, region, increments)
+        capacity = 2 ** int(np.ceil(np.log2(1.2 * int(jax_scores(eq6, case)[1]().needed))))
+        base, ours = jax_scores(eq6, case, capacity)
+        _, with_views = jax_scores(both, case, capacity)
+        theirs, totals = c_scores(library, case)
+        taken = median_ms({"jax": ours, "cpp": theirs, "both": with_views}, repeats)
+        scores = ours()
+        assert int(scores.needed) <= capacity
+        mine = np.asarray(scores.total) * float(problem.area)
+        hand = totals + float(base.prepared[0].elsewhere.sum())
+        renders = particles * problem.num_cameras
+        label = f"{name} {region.size[1]}x{region.size[0]}"
+        figures += [
+            record(f"Eq. 6, {label}, this", taken["jax"] / renders, "ms per render", 0.5),
+            record(f"Eq. 6, {label}, C++", taken["cpp"] / renders, "ms per render", 0.5),
+            record(f"Eq. 6, {label}, this / C++", taken["jax"] / taken["cpp"], "", 0.3),
+            record(f"Eq. 6 + 7, {label}, this", taken["both"] / renders, "ms per render", 0.5),
+            record(f"Eq. 6, {label}, largest difference", float(np.abs(mine / hand - 1).max()), "of the energy", 1.0),
+        ]
+    return figures
+
+
+def embree(vertices: np.ndarray, faces: np.ndarray, problem: FrameProblem) -> Callable[[], np.ndarray] | None:
+    """The nearest face along the ray of every pixel of the first view; None without embreex."""
+    try:
+        import trimesh
+        from trimesh.ray.ray_pyembree import RayMeshIntersector
+    except ImportError:
+        return None
+    height, width = problem.size
+    row, column = np.mgrid[0:height, 0:width]
+    origin = np.asarray(problem.origins[0])
+    pixel = np.stack([column + origin[1] + 0.5, row + origin[0] + 0.5, np.ones_like(row)], -1).reshape(-1, 3)
+    pose = np.asarray(problem.cam_from_world[0], np.float64)
+    ways = pixel @ np.linalg.inv(np.asarray(problem.intrinsics[0], np.float64)).T @ pose[:3, :3]
+    eye = np.broadcast_to(-pose[:3, :3].T @ pose[:3, 3], ways.shape)
+
+    def draw() -> np.ndarray:
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
+        return RayMeshIntersector(mesh).intersects_first(eye, ways).reshape(height, width)
+
+    return draw
+
+
+def painter(vertices: np.ndarray, faces: np.ndarray, problem: FrameProblem) -> Callable[[], np.ndarray]:
+    """Front faces filled one over the other from far to near by OpenCV."""
+    height, width = problem.size
+    projection, origin = np.asarray(problem.projection[0], np.float64), np.asarray(problem.origins[0])
+
+    def draw() -> np.ndarray:
+        flat = vertices @ projection[:, :3].T + projection[:, 3]
+        pixels = flat[:, :2] / flat[:, 2:] - origin[::-1] - 0.5
+        a, b, c = (pixels[faces[:, k]] for k in range(3))
+        front = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0
+        order = np.flatnonzero(front)[np.argsort(-flat[faces[front], 2].mean(1))]
+        picture = np.full((height, width), -1, np.int32)
+        corners = np.round(pixels[faces] * 16).astype(np.int32)
+        for face in order:
+            cv2.fillConvexPoly(picture, corners[face], int(face), shift=4)
+        return picture
+
+    return draw
+
+
+def pytorch3d(vertices: np.ndarray, faces: np.ndarray, problem: FrameProblem) -> Callable[[], np.ndarray] | None:
+    """PyTorch3D's rasteriser on the CPU; None where it is not installed."""
+    try:
+        import torch
+        from pytorch3d.renderer.mesh.rasterize_meshes import rasterize_meshes
+        from pytorch3d.structures import Meshes
+    except ImportError:
+        return None
+    height, width = problem.size
+    projection, origin = np.asarray(problem.projection[0], np.float64), np.asarray(problem.origins[0])
+    flat = vertices @ projection[:, :3].T + projection[:, 3]
+    pixels = flat[:, :2] / flat[:, 2:] - origin[::-1]
+    short = min(height, width)
+    unit = np.concatenate([(np.array([width, height]) - 2 * pixels) / short, flat[:, 2:]], 1)
+    meshes = Meshes([torch.tensor(unit, dtype=torch.float32)], [torch.tensor(faces)])
+
+    def draw() -> np.ndarray:
+        found = rasterize_meshes(meshes, (height, width), 0.0, 1, bin_size=0, cull_backfaces=False)[0]
+        return found[0, ..., 0].numpy()
+
+    return draw
+
+
+def against_rasterisers(repeats: int) -> list[Figure]:
+    """Milliseconds for one body in one view, and the share of covered pixels that show another face."""
+    character, pose, problem = scene()
+    vertices, faces = np.asarray(skin(character, pose), np.float64), np.asarray(character.faces)
+    view = (problem.intrinsics[:1], problem.cam_from_world[:1], problem.origins[:1])
+    points = jnp.asarray(vertices, jnp.float32)
+    ours = lambda: np.asarray(face_ids(points, character.faces, *view, *problem.size)[0][0])  # noqa: E731
+    found = {"embreex": embree(vertices, faces, problem), "PyTorch3D": pytorch3d(vertices, faces, problem)}
+    peers = {"OpenCV painter": painter(vertices, faces, problem)}
+    for name, peer in found.items():
+        if peer is None:
+            print(f"{name} is skipped: it is not installed", file=sys.stderr)
+        else:
+            peers[name] = peer
+    taken = median_ms({"this": ours, **peers}, repeats)
+    ids = ours()
+    covered = max(int((ids >= 0).sum()), 1)
+    figures = [record("one body, this", taken["this"], "ms", 0.5)]
+    for name, peer in peers.items():
+        figures += [
+            record(f"one body, {name}", taken[name], "ms", 1.0),
+            record(f"one body, {name} / this", taken[name] / taken["this"], "", 0.5, "higher"),
+            record(f"one body, {name}, other face", 100 * float((peer() != ids).sum()) / covered, "% of covered", 1.0),
+        ]
+    return figures
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--particles", type=int, default=48)
+    add_options(parser)
+    options = parser.parse_args()
+    figures = against_rasterisers(options.repeats)
+    library = built()
+    if library is None:
+        print("C++ is skipped: there is no g++ or clang++", file=sys.stderr)
+    else:
+        figures += against_cpp(library, options.repeats, options.particles)
+    return finish(figures, options)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
