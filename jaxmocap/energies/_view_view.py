@@ -35,8 +35,8 @@ def partner_pixels(
     return x / safe, y / safe, z
 
 
-def are_near(near_faces: Array, first: Int[Array, "*n"], second: Int[Array, "*n"]) -> Bool[Array, "*n"]:
-    """Geodesic test of Eq. 7 on the bit table."""
+def are_near(near_faces: Array, first: Int[Array, "..."], second: Int[Array, "..."]) -> Bool[Array, "..."]:
+    """Geodesic test of Eq. 7 on the bit table; the two broadcast."""
     words = near_faces.reshape(-1)[first * near_faces.shape[1] + (second >> 5)]
     return ((words >> (second & 31).astype(jnp.uint32)) & 1) == 1
 
