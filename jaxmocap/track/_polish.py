@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import optimistix
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxmocap.character import Character, Pose, clamp, retract
 from jaxmocap.energies import SearchEnergy, soft_score
@@ -31,10 +31,14 @@ class PolishPlan:
     soft: SoftSettings = field(default_factory=SoftSettings)
 
 
-def fitted(settings: SoftSettings, needed: Float[np.ndarray, "3"]) -> SoftSettings:
+def fitted(settings: SoftSettings, needed: Int[np.ndarray, "3"]) -> SoftSettings:
     """Settings whose bounds hold `needed` windows, pixels and shares: powers of two, so that they seldom change."""
     windows, pixels, shares = (2 ** int(np.ceil(np.log2(max(1.2 * count, 256)))) for count in np.asarray(needed))
     return replace(settings, windows=windows, pixels=pixels, shares=shares)
+
+
+def _overflows(settings: SoftSettings, needed: Int[Array, "3"]) -> bool:
+    return bool((np.asarray(needed) > (settings.windows, settings.pixels, settings.shares)).any())
 
 
 @eqx.filter_jit
@@ -69,15 +73,18 @@ def polish(
     lowers the energy.
     """
     plan = PolishPlan() if plan is None else plan
-    before = _measure(energy, character, pose, problem, plan.soft)
+    settings = plan.soft
+    before = _measure(energy, character, pose, problem, settings)
+    while _overflows(settings, before.needed):
+        settings = fitted(settings, np.asarray(before.needed))
+        before = _measure(energy, character, pose, problem, settings)
     needed = np.asarray(before.needed)
     while True:
-        settings = fitted(plan.soft, needed)
+        settings = fitted(settings, needed)
         better, (after, used) = _descend(energy, character, pose, problem, settings, plan.steps, plan.tolerance)
-        if (np.asarray(used) <= (settings.windows, settings.pixels, settings.shares)).all():
+        if not _overflows(settings, used):
             break
         needed = np.maximum(needed, np.asarray(used))
-    before = _measure(energy, character, pose, problem, settings)
     if float(after) < float(before.total):
         return better, float(before.total), float(after)
     return pose, float(before.total), float(before.total)
