@@ -36,34 +36,6 @@ def dominant_bodies(character: Character) -> Int[np.ndarray, "face"]:
     return np.asarray(character.weights)[np.asarray(character.faces)].sum(1).argmax(1)
 
 
-def body_confidence(
-    character: Character,
-    face_bodies: Int[np.ndarray, "face"],
-    ids: Int[np.ndarray, "camera height width"],
-    costs: Float[np.ndarray, "camera height width"],
-    least_pixels: int,
-) -> Float[np.ndarray, "body"]:
-    """How far each body may be trusted, in [0, 1], from the mean cost of its pixels.
-
-    A body seen in fewer than `least_pixels` pixels takes the confidence of the nearest ancestor that is seen.
-    """
-    covered = ids >= 0
-    bodies = len(character.skeleton.body_names)
-    body = face_bodies[ids[covered]]
-    count = np.bincount(body, minlength=bodies)
-    cost = np.bincount(body, weights=costs[covered], minlength=bodies) / np.maximum(count, 1)
-    confidence = _confidence(cost)
-    general = _confidence(costs[covered].mean())
-    for index, parent in enumerate(character.skeleton.parents):
-        if count[index] < least_pixels:
-            confidence[index] = confidence[parent] if parent >= 0 else general
-    return confidence
-
-
-def _confidence(cost):
-    return np.clip(1.25 - 1.75 * cost, 0.0, 1.0)
-
-
 def judge(
     character: Character,
     face_bodies: Int[np.ndarray, "face"],
@@ -73,12 +45,23 @@ def judge(
     settings: VerdictSettings,
     uncovered: float = 0.0,
 ) -> Verdict:
-    """Verdict of a frame from its face ids, pixel costs, and the share of the person left uncovered."""
+    """Verdict of a frame from its face ids, pixel costs, and the share of the person left uncovered.
+
+    A body seen in fewer than `least_pixels` pixels takes the confidence of the nearest ancestor that is seen.
+    """
     covered = ids >= 0
+    bodies = len(character.skeleton.body_names)
     if not covered.any():
         return Verdict(np.zeros(len(character.skeleton.landmark_names)), "lost", 1.0)
-    confidence = body_confidence(character, face_bodies, ids, costs, settings.least_pixels)
+    body = face_bodies[ids[covered]]
+    count = np.bincount(body, minlength=bodies)
+    cost = np.bincount(body, weights=costs[covered], minlength=bodies) / np.maximum(count, 1)
+    confidence = np.clip(1.25 - 1.75 * cost, 0.0, 1.0)
     overall = float(costs[covered].mean())
+    general = float(np.clip(1.25 - 1.75 * overall, 0.0, 1.0))
+    for index, parent in enumerate(character.skeleton.parents):
+        if count[index] < settings.least_pixels:
+            confidence[index] = confidence[parent] if parent >= 0 else general
     status = "ok"
     if overall > settings.lost or speed > 2 * settings.top_speed:
         status = "lost"

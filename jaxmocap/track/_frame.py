@@ -20,7 +20,7 @@ from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectan
 from jaxmocap.refiners import Shooting
 from jaxmocap.render import face_ids
 
-from ._confidence import body_confidence, dominant_bodies, judge
+from ._confidence import dominant_bodies, judge
 from ._least_squares import Prior, Rows, descend, free_prior
 from ._polish import polish
 from ._register import draw, frame_rectangle
@@ -226,31 +226,11 @@ class FrameTracker:
                 deviation += found
         if plan.retry is not None:
             with clock.stage("search again"):
-                pose = self._search_again(plan, plan.retry, pose, problem, frame)
+                if unexplained(np.asarray(draw(self.character, pose, problem)[1]), problem) > plan.retry:
+                    for number, group in enumerate(self.far_groups):
+                        key = jax.random.fold_in(jax.random.fold_in(self.key, frame), 100 + number)
+                        pose, _ = self._search_group(group, plan, pose, problem, 0.5, key)
         return pose, deviation
-
-    def _search_again(self, plan: SearchPlan, retry: float, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
-        """Search all limbs further afield if much of the person is uncovered, else those whose end is not trusted."""
-        for attempt in range(plan.attempts):
-            ids = np.asarray(draw(self.character, pose, problem)[1])
-            if attempt == 0 and unexplained(ids, problem) > retry:
-                lost = self.far_groups
-            else:
-                lost = [group for group in self.far_groups if self._trust(group, ids, problem) < plan.retry_below]
-            if not lost:
-                break
-            for number, group in enumerate(lost):
-                key = jax.random.fold_in(jax.random.fold_in(self.key, frame), 100 * (attempt + 1) + number)
-                pose, _ = self._search_group(group, plan, pose, problem, 0.5, key)
-        return pose
-
-    def _trust(self, limb: GroupSearch, ids: Int[np.ndarray, "camera height width"], problem: FrameProblem) -> float:
-        """Confidence of the last body of a limb."""
-        costs = np.asarray(covered_costs(jnp.asarray(ids), problem))
-        trust = body_confidence(self.character, self.face_bodies, ids, costs, self.tracker.verdict.least_pixels)
-        end = "wrist" if limb.name.endswith("arm") else "ankle"
-        skeleton = self.character.skeleton
-        return float(trust[skeleton.landmark_bodies[skeleton.landmark_names.index(f"{limb.name[0]}_{end}")]])
 
     def _search_group(
         self, group: GroupSearch, plan: SearchPlan, pose: Pose, problem: FrameProblem, wide: float, key: PRNGKeyArray

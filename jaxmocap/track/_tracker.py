@@ -27,9 +27,8 @@ class SearchPlan:
     group (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `wide` is the share
     of a limb's first particles that look further afield (0 is the paper); `trunk` scales particles and spread of root
     and torso, which are large and move less than limbs; `retry` is the share of the person's pixels that may look
-    foreign and stay uncovered before the limbs are searched again further afield (None: never, the paper), and a limb
-    whose end is trusted less than `retry_below` is searched again, too, up to `attempts` times; `answer` "mean" is the
-    paper's."""
+    foreign and stay uncovered before the limbs are searched again further afield (None: never, the paper); `answer`
+    "mean" is the paper's."""
 
     stages: tuple[tuple[int, int], ...] = ((1, 25),)
     particles: int | None = None
@@ -37,8 +36,6 @@ class SearchPlan:
     wide: float = 0.0
     trunk: float = 1.0
     retry: float | None = None
-    retry_below: float = 0.0
-    attempts: int = 2
     answer: Literal["mean", "best_if_better"] = "best_if_better"
 
     def sampler(
@@ -122,7 +119,7 @@ class Tracker:
             contours=ContourSettings(reach=10),
         )
         if quality == "normal":
-            return Tracker(fast, SearchPlan(((2, 16),), particles=96, trunk=0.6, retry=0.015, retry_below=0.4), plan)
+            return Tracker(fast, SearchPlan(((2, 16),), particles=96, trunk=0.6, retry=0.015), plan)
         if quality == "draft":
             coarse = SearchPlan(((4, 8),), particles=48, spread=0.6)
             return Tracker(fast, coarse, replace(plan, rounds=2))
