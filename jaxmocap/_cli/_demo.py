@@ -27,7 +27,7 @@ def demo(
     out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="New folder for the capture and the result.")] = Path(
         "demo"
     ),
-    frames: Annotated[int, tyro.conf.arg(metavar="N", help="Frames to film and to track.")] = 20,
+    frames: Annotated[int, tyro.conf.arg(metavar="N", help="Frames to film and to track.")] = 10,
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
