@@ -142,6 +142,7 @@ def track_capture(
             "capture_name": capture.name,
             "truth": None if capture.truth is None else str(capture.truth.resolve()),
             "quality": quality,
+            "polish": tracker.polish is not None,
             "seed": seed,
             "versions": _versions(),
             "device": str(jax.devices()[0]),

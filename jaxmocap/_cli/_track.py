@@ -1,5 +1,6 @@
 """`jaxmocap track`: a capture folder in, a result folder out."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -23,6 +24,9 @@ def track(
         Literal["draft", "normal", "paper"],
         tyro.conf.arg(help="A quick look, the best accuracy per second, or the published method and budget."),
     ] = "normal",
+    polish: Annotated[
+        bool, tyro.conf.arg(help_behavior_hint="", help="After each search, follow its energy downhill. Slow.")
+    ] = False,
     pose: PoseFile = None,
     overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
     json: Json = False,
@@ -30,7 +34,9 @@ def track(
     """Track the person through a capture and write the result. Exits with 3 if frames were lost."""
     from jaxmocap._pipeline import track_capture
     from jaxmocap.capture import Capture
+    from jaxmocap.track import PolishPlan, Tracker
 
+    tracker = replace(Tracker.preset(quality), polish=PolishPlan()) if polish else None
     span = None if frames is None else frame_span(frames, Capture.open(capture).num_frames)
     with progress() as report:
         motion = track_capture(
@@ -40,6 +46,7 @@ def track(
             seed=seed,
             frames=span,
             pose_file=pose,
+            tracker=tracker,
             overlays=overlays,
             progress=report,
         )

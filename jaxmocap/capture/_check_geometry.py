@@ -1,6 +1,6 @@
 """Checks that need cameras: their paths, and whether keypoints seen through them make a person of human size."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import combinations
 
 import jax
@@ -167,12 +167,12 @@ def _angle_findings(angles: list[float]) -> Iterator[Finding]:
         yield Finding("note", "cameras", f"the cameras see the person from directions {angle:.0f} degrees apart")
 
 
-def check_subject(capture: Capture, cameras: Cameras, frames: Iterable[int] | None = None) -> list[Finding]:
-    """Triangulates the keypoints of `frames` (default: the selected ones, or a few): residuals, side of the camera,
-    view angle, height of the person, and whether it is inside out."""
+def check_subject(capture: Capture, cameras: Cameras) -> list[Finding]:
+    """Triangulates the keypoints: residuals, side of the camera, view angle, height of the person, and whether it is
+    inside out."""
     findings: list[Finding] = []
     people, statures, angles = [], [], []
-    for frame in _frames_to_try(capture) if frames is None else frames:
+    for frame in _frames_to_try(capture):
         points = _points_at(capture, cameras, frame, findings)
         if points is None:
             continue

@@ -1,6 +1,6 @@
 """Does a triangulated person face the way knees, feet and nose say, or is it inside out as mirrored cameras make it?"""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -33,7 +33,7 @@ def _ahead(points: Float[np.ndarray, "25 3"]) -> Float[np.ndarray, "5"]:
     return np.array(found)
 
 
-def handedness_findings(people: Iterable[Float[np.ndarray, "25 3"]], trusted: bool) -> Iterable[Finding]:
+def handedness_findings(people: Iterable[Float[np.ndarray, "25 3"]], trusted: bool) -> Iterator[Finding]:
     """An error (a warning, where depth is not `trusted`) when all frames together say that the person is inside out."""
     ahead = np.concatenate([_ahead(points) for points in people] or [np.zeros(0)])
     ahead = ahead[np.isfinite(ahead)]

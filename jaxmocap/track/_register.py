@@ -375,7 +375,7 @@ def register(
     key = jax.random.key(0) if key is None else key
     frames = frames if frames is not None else (capture.selected_frames or (0,))
     if start is None:
-        for finding in check_subject(capture, cameras, frames):
+        for finding in check_subject(capture, cameras):
             if finding.severity == "error":
                 raise InputError(f"capture '{capture.name}': {finding.message}")
     surface = surface_of(character, None, cameras.num_cameras)
