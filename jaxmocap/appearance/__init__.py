@@ -16,7 +16,13 @@ from ._background_grid import (
     grid_vertices as grid_vertices,
     similarity_residuals as similarity_residuals,
 )
-from ._colour_model import ColourModel as ColourModel, ColourSettings as ColourSettings, psi as psi
+from ._colour_model import (
+    ColourModel as ColourModel,
+    ColourSettings as ColourSettings,
+    distance as distance,
+    psi as psi,
+    whitening as whitening,
+)
 from ._fit_colours import fit_colour_models as fit_colour_models
 from ._foreground import (
     ForegroundModel as ForegroundModel,

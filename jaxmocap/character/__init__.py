@@ -21,4 +21,5 @@ from ._pose import (
     retract as retract,
     retract_root_twist as retract_root_twist,
 )
+from ._simplify import simplify as simplify
 from ._skeleton import Skeleton as Skeleton

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from jaxmocap.geometry import hat, matmul, rigid
@@ -26,38 +27,36 @@ class Chain(NamedTuple):
 
 
 def chain(skeleton: Skeleton, pose: Pose) -> Chain:
-    """The product of exponentials of Eq. 2, `T_i = T_root exp(theta_1 xi_1) exp(theta_2 xi_2) ...`, body by body.
+    """The product of exponentials of Eq. 2, `T_i = T_root exp(theta_1 xi_1) exp(theta_2 xi_2) ...`, joint by joint.
 
-    Revolute twists are exponentiated in Rodrigues' form `[R, (I - R) q]`, exact at zero. Bodies of equal depth in the
-    tree are computed together.
+    Revolute twists are exponentiated in Rodrigues' form `[R, (I - R) q]`, exact at zero. The loop keeps programs small:
+    unrolled, the chain was most of what there is to compile.
     """
     w = hat(skeleton.axes)
     sine, cosine = jnp.sin(pose.angles)[:, None, None], jnp.cos(pose.angles)[:, None, None]
     eye = jnp.eye(3, dtype=skeleton.axes.dtype)
     turn = eye + sine * w + (1 - cosine) * matmul(w, w)
     shift = skeleton.origins - _apply(turn, skeleton.origins)
-    schedule = _schedule(skeleton.parents, skeleton.dof_body)
+    steps = _steps(skeleton.parents, skeleton.dof_body)
+    still = steps.dof == len(turn)  # bodies without a joint follow their parent
+    turn = jnp.concatenate([turn, eye[None]])[steps.dof]
+    shift = jnp.concatenate([shift, jnp.zeros_like(shift[:1])])[steps.dof]
 
-    rotations = pose.root[None, :3, :3]
-    translations = pose.root[None, :3, 3]
-    before: list[tuple[Array, Array]] = []
-    for level in schedule.levels:
-        rotation, translation = rotations[level.parents], translations[level.parents]
-        for dofs, has_dof in level.slots:
-            before.append((rotation[has_dof], translation[has_dof]))
-            moved = matmul(rotation[has_dof], turn[dofs])
-            carried = _apply(rotation[has_dof], shift[dofs]) + translation[has_dof]
-            if len(has_dof) == len(rotation):
-                rotation, translation = moved, carried
-            else:
-                rotation = rotation.at[has_dof].set(moved)
-                translation = translation.at[has_dof].set(carried)
-        rotations = jnp.concatenate([rotations, rotation])
-        translations = jnp.concatenate([translations, translation])
-    before_rotations = jnp.concatenate([rotation for rotation, _ in before])[schedule.dof_order]
-    before_translations = jnp.concatenate([translation for _, translation in before])[schedule.dof_order]
-    order = schedule.body_order
-    return Chain(rotations[order], translations[order], before_rotations, before_translations)
+    def step(bodies: tuple[Array, Array], now: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        source, target, turn, shift = now
+        rotation, translation = bodies[0][source], bodies[1][source]
+        moved = bodies[0].at[target].set(matmul(rotation, turn))
+        carried = bodies[1].at[target].set(_apply(rotation, shift) + translation)
+        return (moved, carried), (rotation, translation)
+
+    count = len(skeleton.parents) + 1  # the root's transform comes first
+    start = (
+        jnp.broadcast_to(pose.root[:3, :3], (count, 3, 3)).astype(turn.dtype),
+        jnp.broadcast_to(pose.root[:3, 3], (count, 3)).astype(turn.dtype),
+    )
+    bodies, before = lax.scan(step, start, (steps.source, steps.target, turn, shift))
+    joints = _rows(np.flatnonzero(~still)[np.argsort(steps.dof[~still])])
+    return Chain(bodies[0][1:], bodies[1][1:], before[0][joints], before[1][joints])
 
 
 @jax.jit
@@ -107,37 +106,24 @@ def _rows(numbers: Iterable[int]) -> np.ndarray:
     return np.array(list(numbers), dtype=np.uint32)
 
 
-class _Level(NamedTuple):
-    parents: np.ndarray  # rows of the transforms computed so far, the root's first
-    slots: tuple[tuple[np.ndarray, np.ndarray], ...]  # (DoFs, rows of this level they turn), from root to tip
+class _Steps(NamedTuple):
+    """Which transform each step takes (0 is the root), which one it makes, and the DoF that turns it."""
 
-
-class _Schedule(NamedTuple):
-    levels: tuple[_Level, ...]
-    body_order: np.ndarray
-    dof_order: np.ndarray
+    source: np.ndarray
+    target: np.ndarray
+    dof: np.ndarray
 
 
 @lru_cache(maxsize=16)
-def _schedule(parents: tuple[int, ...], dof_body: tuple[int, ...]) -> _Schedule:
-    """Bodies by depth, and per depth the DoFs that turn them first, second, third."""
-    dofs_of = [[dof for dof, owner in enumerate(dof_body) if owner == body] for body in range(len(parents))]
+def _steps(parents: tuple[int, ...], dof_body: tuple[int, ...]) -> _Steps:
+    """One step per joint DoF, parents before children, and one for every body without any."""
+    steps = []
     depth = [0] * len(parents)
     for body, parent in enumerate(parents):
         depth[body] = depth[parent] + 1 if parent >= 0 else 0
-    row = {-1: 0}
-    levels, dof_sequence = [], []
-    for current in range(max(depth) + 1):
-        bodies = [body for body in range(len(parents)) if depth[body] == current]
-        parent_rows = _rows(row[parents[body]] for body in bodies)
-        slots = []
-        for slot in range(max(len(dofs_of[body]) for body in bodies)):
-            turned = [i for i, body in enumerate(bodies) if len(dofs_of[body]) > slot]
-            dofs = [dofs_of[bodies[i]][slot] for i in turned]
-            dof_sequence += dofs
-            slots.append((_rows(dofs), _rows(turned)))
-        for body in bodies:
-            row[body] = len(row)
-        levels.append(_Level(parent_rows, tuple(slots)))
-    body_order = _rows(row[body] for body in range(len(parents)))
-    return _Schedule(tuple(levels), body_order, _rows(np.argsort(dof_sequence)))
+    for body in sorted(range(len(parents)), key=depth.__getitem__):
+        source = parents[body] + 1
+        for dof in [dof for dof, owner in enumerate(dof_body) if owner == body] or [len(dof_body)]:
+            steps.append((source, body + 1, dof))
+            source = body + 1
+    return _Steps(*(_rows(column) for column in zip(*steps, strict=True)))

@@ -38,4 +38,10 @@ from ._search_energy import (
 )
 from ._silhouette import Silhouette as Silhouette
 from ._soft_energy import SoftScore as SoftScore, soft_score as soft_score
-from ._view_view import ViewView as ViewView, are_near as are_near, partner_pixels as partner_pixels
+from ._view_view import (
+    Carry as Carry,
+    ViewView as ViewView,
+    are_near as are_near,
+    carry as carry,
+    partner_pixels as partner_pixels,
+)

@@ -94,8 +94,8 @@ def base_buffers(
     vertices = skin(character, pose)
     height, width = problem.size
     numbers = jnp.arange(character.faces.shape[0], dtype=jnp.int32)
-    buffers, needed = [], []
-    for camera in range(problem.num_cameras):
+
+    def view(camera: Array) -> tuple[Array, Array]:
         screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
         jobs = window_jobs(
             screen,
@@ -108,16 +108,17 @@ def base_buffers(
             part.layout,
             capacity,
         )
-        buffers.append(draw(empty_buffer(part.layout, height, width), jobs, part.layout))
-        needed.append(jobs.needed)
-    return jnp.stack(buffers), jnp.stack(needed).max()
+        return draw(empty_buffer(part.layout, height, width), jobs, part.layout), jobs.needed
+
+    buffers, needed = lax.map(view, jnp.arange(problem.num_cameras))
+    return buffers, needed.max()
 
 
 def part_jobs(
     part: BodyPart,
     vertices: Float[Array, "part_vertex 3"],
     problem: FrameProblem,
-    camera: int,
+    camera: int | Int[Array, ""],
     region: Region,
     capacity: int,
 ) -> tuple[Jobs, Float[Array, "3 part_vertex"]]:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmocap.character import Character, Pose, Skeleton, retract
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import WINDOW, draw
+from jaxmocap.render import WINDOW, Driver, best_driver, draw
 
 from ._body import BodyPart, Region, base_buffers, part_jobs, pixels_outside
 from ._model_view import ModelView
@@ -133,42 +133,50 @@ def score_particles(
     base: Base,
     increments: Float[Array, "particle dof"],
     capacity: int,
+    driver: Driver | None = None,
 ) -> Scores:
-    """Eq. 5 for every increment of `pose`. Particles run one after the other over copies of a small key buffer: on a
-    CPU this is far faster than `vmap`. With several devices the particles are shared out among them, with the same
-    bits."""
+    """Eq. 5 for every increment of `pose`.
+
+    With the "loop" driver particles run one after the other over copies of a small key buffer: on a CPU this is far
+    faster than `vmap`. With several devices the particles are shared out among them, with the same bits. With "scatter"
+    all run at once, for an accelerator. The default is the machine's `best_driver`; keys are the same in both.
+    """
+    driver = driver or best_driver()
     dynamic, static = eqx.partition((energy, character, part, pose, problem, region, base), eqx.is_array)
 
     def generation(arrays: Any, rows: Array) -> tuple[Array, Array]:
-        return _score_in_turn(*eqx.combine(arrays, static), rows, capacity)
+        return _score(*eqx.combine(arrays, static), rows, capacity, driver)
 
     terms, needed = _share_out(generation, dynamic, increments)
     weights = jnp.stack([term.weight for term in energy.terms])
     return Scores(terms @ weights, terms, needed.max())
 
 
-def _score_in_turn(energy, character, part, pose, problem, region, base, increments, capacity) -> tuple[Array, Array]:
-    """Terms (particle, term) and the windows needed (particle,), one particle after the other."""
-    layout = part.layout
+def _score(energy, character, part, pose, problem, region, base, increments, capacity, driver) -> tuple[Array, Array]:
+    """Terms (particle, term) and the windows needed (particle,)."""
+    layout, (height, width) = part.layout, base.buffers.shape[1:]
 
     def one(particle: tuple[Pose, Array]) -> tuple[Array, Array]:
         moved, posed = particle
-        drawn, outside, needed = [], [], []
-        for camera in range(problem.num_cameras):
+
+        def view(below: Array, camera: Array) -> tuple[Array, tuple[Array, Array]]:
             jobs, screen = part_jobs(part, posed, problem, camera, region, capacity)
-            outside.append(pixels_outside(screen, part.faces, region.corners[camera], region.size))
-            drawn.append(draw(base.buffers[camera], jobs, layout))
-            needed.append(jobs.needed)
+            outside = pixels_outside(screen, part.faces, region.corners[camera], region.size)
+            return draw(below, jobs, layout, camera * height, driver), (outside, jobs.needed)
+
+        drawn, (outside, needed) = lax.scan(view, base.buffers.reshape(-1, width), jnp.arange(problem.num_cameras))
+        drawn = drawn.reshape(base.buffers.shape)
         values = [
             term.score_pose(character.skeleton, moved)
             if isinstance(term, PoseTerm)
-            else term.score(ready, tuple(drawn), jnp.stack(outside), region, problem, layout)
+            else term.score(ready, drawn, outside, region, problem, layout)
             for term, ready in zip(energy.terms, base.prepared, strict=True)
         ]
-        return jnp.stack(values), jnp.stack(needed).max()
+        return jnp.stack(values), needed.max()
 
     moved = jax.vmap(lambda delta: retract(character.skeleton, pose, delta))(increments)
-    return lax.map(one, (moved, jax.vmap(lambda pose: part.posed(character, pose))(moved)))
+    particles = (moved, jax.vmap(lambda pose: part.posed(character, pose))(moved))
+    return lax.map(one, particles) if driver == "loop" else jax.vmap(one)(particles)
 
 
 def _share_out(

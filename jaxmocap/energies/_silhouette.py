@@ -14,7 +14,7 @@ from ._body import Region, region_mask
 
 
 class _Prepared(NamedTuple):
-    mask: tuple[Array, ...]
+    mask: Float[Array, "camera height width"]
     elsewhere_wrong: Float[Array, "camera"]
     elsewhere_model: Float[Array, "camera"]
     mask_area: Float[Array, "camera"]
@@ -40,9 +40,8 @@ class Silhouette(eqx.Module):
             elsewhere = ~region_mask(region, camera, height, width)
             wrong.append(jnp.where(elsewhere, covered[camera] != (self.masks[camera] > 0.5), False).sum())
             model.append((elsewhere & covered[camera]).sum())
-        cuts = tuple(region.cut(self.masks[c], c) for c in range(problem.num_cameras))
         return _Prepared(
-            cuts,
+            jnp.stack([region.cut(self.masks[c], c) for c in range(problem.num_cameras)]),
             jnp.stack(wrong).astype(jnp.float32),
             jnp.stack(model).astype(jnp.float32),
             self.masks.sum((1, 2)),
@@ -58,12 +57,7 @@ class Silhouette(eqx.Module):
         layout: KeyLayout,
     ) -> Float[Array, ""]:
         """Mean over the views of 0.5 (XOR / model area + XOR / mask area)."""
-        total = jnp.zeros(())
-        for camera in range(problem.num_cameras):
-            covered = crop(buffers[camera]) & layout.id_mask != layout.id_mask
-            wrong = (
-                (covered != (prepared.mask[camera] > 0.5)).sum() + prepared.elsewhere_wrong[camera] + outside[camera]
-            )
-            model = covered.sum() + prepared.elsewhere_model[camera] + outside[camera]
-            total += 0.5 * (wrong / jnp.maximum(model, 1.0) + wrong / jnp.maximum(prepared.mask_area[camera], 1.0))
-        return total / problem.num_cameras
+        covered = crop(buffers) > layout.empty
+        wrong = (covered != (prepared.mask > 0.5)).sum((1, 2)) + prepared.elsewhere_wrong + outside
+        model = covered.sum((1, 2)) + prepared.elsewhere_model + outside
+        return 0.5 * (wrong / jnp.maximum(model, 1.0) + wrong / jnp.maximum(prepared.mask_area, 1.0)).mean()

@@ -14,7 +14,7 @@ from jaxmocap.render import SoftFaces, SoftSettings, expand, soft_faces, to_scre
 
 from ._model_view import TAU, ModelView, covered_cost, uncovered_cost
 from ._search_energy import PoseTerm, SearchEnergy
-from ._view_view import ViewView, are_near, ordered_pairs, partner_pixels
+from ._view_view import ViewView, are_near, carry, ordered_pairs, partner_pixels
 
 
 class SoftScore(NamedTuple):
@@ -119,7 +119,7 @@ def _pair(term: ViewView, own_view: _View, other_view: _View, problem: FrameProb
     pixel, face, inverse = own.pixel[entry], jnp.maximum(own.face[entry, layer], 0), own.inverse_depth[entry, layer]
     source, target = own_origin.astype(jnp.float32) + 0.5, other_origin.astype(jnp.float32) + 0.5
     u, v = (pixel % width).astype(jnp.float32) + source[1], (pixel // width).astype(jnp.float32) + source[0]
-    x, y, z = partner_pixels(u, v, inverse, own_projection, other_projection)
+    x, y, z = partner_pixels(u, v, inverse, carry(own_projection, other_projection))
     x, y = x - target[1], y - target[0]
     inside = (z > 1e-6) & (x >= -0.5) & (y >= -0.5) & (x < width - 0.5) & (y < height - 0.5)
     x, y = jnp.where(inside, x, 0.0), jnp.where(inside, y, 0.0)

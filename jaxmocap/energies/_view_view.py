@@ -1,14 +1,17 @@
 """View-view consistency, Eq. 7: does the other camera see the same colour at this surface point?"""
 
+from functools import partial
 from typing import Literal, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._types import knob
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import WINDOW, KeyLayout, crop, expand
+from jaxmocap.render import WINDOW, KeyLayout, covered_tiles, crop, expand, look_up, sum_in_turns, sum_over_tiles
 
 from ._body import Region, region_mask
 from ._model_view import TAU
@@ -19,17 +22,27 @@ def ordered_pairs(num_cameras: int) -> list[tuple[int, int]]:
     return [(m, n) for m in range(num_cameras) for n in range(num_cameras) if m != n]
 
 
-def partner_pixels(
-    columns: Array, rows: Array, inverse_depth: Array, source: Float[Array, "3 4"], target: Float[Array, "3 4"]
-) -> tuple[Array, Array, Array]:
+class Carry(NamedTuple):
+    """What takes (column, row, 1) and inverse depth of the source view to the homogeneous pixel of the target."""
+
+    turn: Float[Array, "3 3"]
+    shift: Float[Array, "3"]
+
+
+def carry(source: Float[Array, "3 4"], target: Float[Array, "3 4"]) -> Carry:
+    """From the projections of the two views."""
+    turn = target[:, :3] @ jnp.linalg.inv(source[:, :3])
+    return Carry(turn, target[:, 3] - turn @ source[:, 3])
+
+
+def partner_pixels(columns: Array, rows: Array, inverse_depth: Array, between: Carry) -> tuple[Array, Array, Array]:
     """Where a surface point seen at pixel (column, row) of the source view with this inverse depth appears in the
     target.
 
     Exact: inverse depth is affine over a face, so this is the ray cut with the face's plane. Returns column, row and
     the scaled depth (positive in front of the target camera).
     """
-    turn = target[:, :3] @ jnp.linalg.inv(source[:, :3])
-    shift = target[:, 3] - turn @ source[:, 3]
+    turn, shift = between
     x, y, z = (turn[k, 0] * columns + turn[k, 1] * rows + turn[k, 2] + shift[k] * inverse_depth for k in range(3))
     safe = jnp.where(z > 1e-6, z, 1.0)
     return x / safe, y / safe, z
@@ -37,11 +50,11 @@ def partner_pixels(
 
 def are_near(near_faces: Array, first: Int[Array, "..."], second: Int[Array, "..."]) -> Bool[Array, "..."]:
     """Geodesic test of Eq. 7 on the bit table; the two broadcast."""
-    words = near_faces.reshape(-1)[first * near_faces.shape[1] + (second >> 5)]
+    words = look_up(near_faces.reshape(-1), first * near_faces.shape[1] + (second >> 5))
     return ((words >> (second & 31).astype(jnp.uint32)) & 1) == 1
 
 
-def _pack(image: Float[Array, "height width 3"]) -> Int[Array, "height width"]:
+def _pack(image: Float[Array, "*shape 3"]) -> Int[Array, "*shape"]:
     levels = jnp.round(jnp.clip(image, 0, 1) * 255).astype(jnp.int32)
     return (levels[..., 0] << 16) | (levels[..., 1] << 8) | levels[..., 2]
 
@@ -54,36 +67,43 @@ def _channels(packed: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def _in_region(row: Array, column: Array, region: Region, camera: int) -> Array:
+def _in_region(row: Array, column: Array, region: Region, camera: int | Array) -> Array:
     top, left = region.corners[camera, 0], region.corners[camera, 1]
     return (row >= top) & (row < top + region.size[0]) & (column >= left) & (column < left + region.size[1])
 
 
-def _region_index(row: Array, column: Array, region: Region, camera: int) -> Array:
+def _region_index(row: Array, column: Array, region: Region, camera: int | Array) -> Array:
     """Flat index into the region's bordered key buffer; clipped to it."""
     local_row = jnp.clip(row - region.corners[camera, 0], 0, region.size[0] - 1) + WINDOW
     local_column = jnp.clip(column - region.corners[camera, 1], 0, region.size[1] - 1) + WINDOW
     return local_row * (region.size[1] + 2 * WINDOW) + local_column
 
 
+def _meets(problem: FrameProblem, layout: KeyLayout, face: Array, key: Array) -> Array:
+    """Whether the face and the one with this key are geodesically near; False where the key is empty."""
+    other = key & layout.id_mask
+    return (key > layout.empty) & are_near(problem.surface.near_faces, face, jnp.where(key > layout.empty, other, 0))
+
+
 class _Far(NamedTuple):
     """Body pixels of view m outside the region whose partner in view n falls inside n's region: their test depends on
     the particle, everything else about them does not."""
 
-    target: Int[Array, "slot"]
-    face: Int[Array, "slot"]
-    cost: Float[Array, "slot"]
-    live: Bool[Array, "slot"]
-    fixed_cost: Float[Array, ""]
-    fixed_count: Float[Array, ""]
-    needed: Int[Array, ""]
+    target: Int[Array, "pair slot"]
+    face: Int[Array, "pair slot"]
+    cost: Float[Array, "pair slot"]
+    fixed_cost: Float[Array, "pair"]
+    fixed_count: Float[Array, "pair"]
+    needed: Int[Array, "pair"]
 
 
 class _Prepared(NamedTuple):
+    pairs: Int[Array, "pair 2"]
+    between: Carry
     packed: Int[Array, "camera pixel"]
     base: Int[Array, "camera pixel"]
-    own: tuple[Array, ...]
-    far: tuple[_Far, ...]
+    own: Int[Array, "camera padded_height padded_width"]
+    far: _Far | None
 
 
 class ViewView(eqx.Module):
@@ -107,31 +127,41 @@ class ViewView(eqx.Module):
     name = "view_view"
 
     def _partner(
-        self, keys: Array, rows: Array, columns: Array, m: int, n: int, problem: FrameProblem, layout: KeyLayout
+        self,
+        between: Carry,
+        keys: Array,
+        rows: Array,
+        columns: Array,
+        m: int | Array,
+        n: int | Array,
+        problem: FrameProblem,
+        layout: KeyLayout,
     ):
         """Local float column and row in n's rectangle, and whether the nearest pixel lies inside it."""
         inverse = layout.inverse_depth(keys, problem.depth_range[m])
         origin, target = problem.origins[m], problem.origins[n]
         u = columns + (origin[1].astype(jnp.float32) + 0.5)
         v = rows + (origin[0].astype(jnp.float32) + 0.5)
-        x, y, z = partner_pixels(u, v, inverse, problem.projection[m], problem.projection[n])
+        x, y, z = partner_pixels(u, v, inverse, between)
         x, y = x - (target[1].astype(jnp.float32) + 0.5), y - (target[0].astype(jnp.float32) + 0.5)
         height, width = problem.size
         inside = (z > 1e-6) & (x >= -0.5) & (y >= -0.5) & (x < width - 0.5) & (y < height - 0.5)
         return jnp.where(inside, x, 0.0), jnp.where(inside, y, 0.0), inside
 
-    def _colour_cost(self, own: Array, packed: Array, x: Array, y: Array, width: int, height: int) -> Array:
-        """min(|I_m - I_n|_2 / colour_scale, tau)."""
+    def _colour_cost(
+        self, own: Array, packed: Array, first: int | Array, x: Array, y: Array, width: int, height: int
+    ) -> Array:
+        """min(|I_m - I_n|_2 / colour_scale, tau); the other view's colours start at `first` in `packed`."""
         red, green, blue = _channels(own)
         if self.sampling == "nearest":
-            index = jnp.round(y).astype(jnp.int32) * width + jnp.round(x).astype(jnp.int32)
-            other = _channels(packed[index])
+            index = first + jnp.round(y).astype(jnp.int32) * width + jnp.round(x).astype(jnp.int32)
+            other = _channels(look_up(packed, index))
         else:
             x, y = jnp.clip(x, 0.0, width - 1.001), jnp.clip(y, 0.0, height - 1.001)
             left, top = jnp.floor(x), jnp.floor(y)
             fx, fy = x - left, y - top
-            index = top.astype(jnp.int32) * width + left.astype(jnp.int32)
-            corners = [_channels(packed[index + shift]) for shift in (0, 1, width, width + 1)]
+            index = first + top.astype(jnp.int32) * width + left.astype(jnp.int32)
+            corners = [_channels(look_up(packed, index + shift)) for shift in (0, 1, width, width + 1)]
             other = [
                 (a * (1 - fx) + b * fx) * (1 - fy) + (c * (1 - fx) + d * fx) * fy
                 for a, b, c, d in zip(*corners, strict=True)
@@ -139,27 +169,23 @@ class ViewView(eqx.Module):
         square = (red - other[0]) ** 2 + (green - other[1]) ** 2 + (blue - other[2]) ** 2
         return jnp.minimum(jnp.sqrt(square) * (1 / 255) / self.colour_scale, TAU)
 
-    def _pixel_cost(self, colour: Array, near: Array, inside: Array) -> tuple[Array, Array]:
-        """Cost and count of one covered pixel."""
+    def _pixel_cost(self, colour: Array, near: Array, inside: Array, covered: Array) -> Array:
+        """Cost of a pixel; -1 where it does not count."""
         failed = jnp.where(inside, self.fail == "tau", self.outside == "tau")
-        counted = near | failed
-        return jnp.where(near, colour, jnp.where(failed, TAU, 0.0)), counted.astype(jnp.float32)
+        return jnp.where(covered, jnp.where(near, colour, jnp.where(failed, TAU, -1.0)), -1.0)
 
     def _far(
-        self, base: Array, region: Region, m: int, n: int, packed: Array, problem: FrameProblem, layout: KeyLayout
+        self,
+        pair: Array,
+        between: Carry,
+        base: Array,
+        region: Region,
+        packed: Array,
+        problem: FrameProblem,
+        layout: KeyLayout,
     ) -> _Far:
         height, width = problem.size
-        if region.size == problem.size:
-            nothing = jnp.zeros(1, jnp.int32)
-            return _Far(
-                nothing,
-                nothing,
-                jnp.zeros(1),
-                jnp.zeros(1, bool),
-                jnp.zeros(()),
-                jnp.zeros(()),
-                jnp.zeros((), jnp.int32),
-            )
+        m, n = pair
         keys = crop(base[m])[:: self.step, :: self.step]
         ids = layout.face(keys)
         rows, columns = jnp.meshgrid(
@@ -167,43 +193,41 @@ class ViewView(eqx.Module):
             jnp.arange(0, width, self.step, dtype=jnp.float32),
             indexing="ij",
         )
-        x, y, inside = self._partner(keys, rows, columns, m, n, problem, layout)
+        x, y, inside = self._partner(between, keys, rows, columns, m, n, problem, layout)
         column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
         here = ~region_mask(region, m, height, width)[:: self.step, :: self.step] & (ids >= 0)
         there = region_mask(region, n, height, width)[row, column] & inside & here
         own = packed[m].reshape(height, width)[:: self.step, :: self.step]
-        colour = self._colour_cost(own, packed[n], x, y, width, height)
-        other = layout.face(crop(base[n]))[row, column]
-        near = inside & (other >= 0) & are_near(problem.surface.near_faces, jnp.maximum(ids, 0), jnp.maximum(other, 0))
-        cost, count = self._pixel_cost(colour, near, inside)
-        fixed = here & ~there
+        colour = self._colour_cost(own, packed.reshape(-1), n * (height * width), x, y, width, height)
+        near = inside & _meets(problem, layout, jnp.maximum(ids, 0), crop(base[n])[row, column])
+        fixed = self._pixel_cost(colour, near, inside, here & ~there)
         pick, _, needed = expand(there.reshape(-1).astype(jnp.int32), self.capacity)
-        live = jnp.arange(self.capacity) < needed
         target = _region_index(row, column, region, n)
         return _Far(
             target.reshape(-1)[pick],
             jnp.maximum(ids, 0).reshape(-1)[pick],
             colour.reshape(-1)[pick],
-            live,
-            jnp.where(fixed, cost, 0.0).sum(),
-            jnp.where(fixed, count, 0.0).sum(),
+            jnp.maximum(fixed, 0.0).sum(),
+            (fixed >= 0).sum().astype(jnp.float32),
             needed,
         )
 
     def prepare(self, base: Array, region: Region, problem: FrameProblem, layout: KeyLayout) -> _Prepared:
         """What all particles of a group share."""
-        packed = jnp.stack([_pack(problem.image[c]).reshape(-1) for c in range(problem.num_cameras)])
-        shaped = packed.reshape(problem.image.shape[:3])
-        own = tuple(region.cut(shaped[c], c, step=self.step) for c in range(problem.num_cameras))
-        pairs = ordered_pairs(problem.num_cameras)
-        flat = crop(base).reshape(problem.num_cameras, -1)
-        return _Prepared(
-            packed, flat, own, tuple(self._far(base, region, m, n, packed, problem, layout) for m, n in pairs)
-        )
+        cameras = range(problem.num_cameras)
+        packed = _pack(problem.image)
+        own = jnp.stack([jnp.pad(region.cut(packed[c], c), WINDOW) for c in cameras])
+        packed = packed.reshape(problem.num_cameras, -1)
+        pairs = jnp.asarray(ordered_pairs(problem.num_cameras), jnp.int32).reshape(-1, 2)
+        between = jax.vmap(lambda pair: carry(problem.projection[pair[0]], problem.projection[pair[1]]))(pairs)
+        far = None
+        if region.size != problem.size:
+            far = lax.map(lambda pair: self._far(*pair, base, region, packed, problem, layout), (pairs, between))
+        return _Prepared(pairs, between, packed, crop(base).reshape(problem.num_cameras, -1), own, far)
 
     def needed(self, prepared: _Prepared) -> Array:
         """Largest number of far pixels, to be compared with `capacity`."""
-        return jnp.stack([far.needed for far in prepared.far]).max() if prepared.far else jnp.zeros((), jnp.int32)
+        return jnp.zeros((), jnp.int32) if prepared.far is None else prepared.far.needed.max(initial=0)
 
     def score(
         self,
@@ -215,36 +239,56 @@ class ViewView(eqx.Module):
         layout: KeyLayout,
     ) -> Float[Array, ""]:
         """Sum over ordered pairs of the mean over the covered pixels; tau for a view without any (M2 = 0)."""
+
+        def mean(pair: tuple[Array, Carry, _Far | None]) -> Array:
+            (m, n), between, far = pair
+            seen = partial(self._tile_cost, prepared, between, buffers, region, m, n, problem, layout)
+            cost, count = sum_over_tiles(covered_tiles(buffers[m], layout), seen, self.step)
+            if far is not None:
+                again = partial(self._far_cost, far, buffers, n, problem, layout)
+                more_cost, more_count = sum_in_turns(jnp.minimum(far.needed, self.capacity), self.capacity, again)
+                cost, count = cost + far.fixed_cost + more_cost, count + far.fixed_count + more_count
+            return jnp.where(count > 0, cost / jnp.maximum(count, 1.0), TAU)
+
+        return lax.map(mean, (prepared.pairs, prepared.between, prepared.far)).sum()
+
+    def _tile_cost(
+        self,
+        prepared: _Prepared,
+        between: Carry,
+        buffers: Array,
+        region: Region,
+        m: Array,
+        n: Array,
+        problem: FrameProblem,
+        layout: KeyLayout,
+        rows: Array,
+        columns: Array,
+    ) -> Array:
+        """Cost of pixels of view m's region against view n; negative where a pixel does not count."""
         height, width = problem.size
-        near_faces = problem.surface.near_faces
-        total = jnp.zeros(())
-        rows = jnp.arange(0, region.size[0], self.step, dtype=jnp.float32)[:, None]
-        columns = jnp.arange(0, region.size[1], self.step, dtype=jnp.float32)[None, :]
-        for (m, n), far in zip(ordered_pairs(problem.num_cameras), prepared.far, strict=True):
-            keys = crop(buffers[m])[:: self.step, :: self.step]
-            ids = keys & layout.id_mask
-            covered = ids != layout.id_mask
-            corner = region.corners[m].astype(jnp.float32)
-            x, y, inside = self._partner(keys, rows + corner[0], columns + corner[1], m, n, problem, layout)
-            column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
-            flat = buffers[n].reshape(-1)
-            drawn = flat[_region_index(row, column, region, n)]
-            if region.size != problem.size:
-                elsewhere = prepared.base[n][row * width + column]
-                drawn = jnp.where(_in_region(row, column, region, n), drawn, elsewhere)
-            other = drawn & layout.id_mask
-            first, second = jnp.where(covered, ids, 0), jnp.where(other != layout.id_mask, other, 0)
-            near = inside & (other != layout.id_mask) & are_near(near_faces, first, second)
-            colour = self._colour_cost(prepared.own[m], prepared.packed[n], x, y, width, height)
-            cost, count = self._pixel_cost(colour, near, inside)
-            cost_sum = jnp.where(covered, cost, 0.0).sum() + far.fixed_cost
-            count_sum = jnp.where(covered, count, 0.0).sum() + far.fixed_count
-            if region.size != problem.size:
-                other = flat[far.target] & layout.id_mask
-                second = jnp.where(other != layout.id_mask, other, 0)
-                near = (other != layout.id_mask) & are_near(near_faces, far.face, second)
-                cost, count = self._pixel_cost(far.cost, near, jnp.ones_like(near))
-                cost_sum += jnp.where(far.live, cost, 0.0).sum()
-                count_sum += jnp.where(far.live, count, 0.0).sum()
-            total += jnp.where(count_sum > 0, cost_sum / jnp.maximum(count_sum, 1.0), TAU)
-        return total
+        pixels = buffers.shape[1] * buffers.shape[2]
+        index = m * pixels + (rows + WINDOW) * buffers.shape[2] + columns + WINDOW
+        index = lax.optimization_barrier(index)
+        keys = look_up(buffers.reshape(-1), index)
+        covered = (keys > layout.empty) & (rows < region.size[0]) & (columns < region.size[1])
+        rows, columns = rows + region.corners[m, 0], columns + region.corners[m, 1]
+        x, y, inside = lax.optimization_barrier(self._partner(between, keys, rows, columns, m, n, problem, layout))
+        column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
+        drawn = look_up(buffers.reshape(-1), n * pixels + _region_index(row, column, region, n))
+        if region.size != problem.size:
+            elsewhere = look_up(prepared.base.reshape(-1), (n * height + row) * width + column)
+            drawn = jnp.where(_in_region(row, column, region, n), drawn, elsewhere)
+        first = jnp.where(covered, keys & layout.id_mask, 0)
+        near = inside & _meets(problem, layout, first, drawn)
+        own = look_up(prepared.own.reshape(-1), index)
+        colour = self._colour_cost(own, prepared.packed.reshape(-1), n * (height * width), x, y, width, height)
+        return self._pixel_cost(colour, near, inside, covered)
+
+    def _far_cost(
+        self, far: _Far, buffers: Array, n: Array, problem: FrameProblem, layout: KeyLayout, slots: Array
+    ) -> Array:
+        """Cost of body pixels outside the region whose partner is inside; negative where a pixel does not count."""
+        target = n * (buffers.shape[1] * buffers.shape[2]) + look_up(far.target, slots)
+        near = _meets(problem, layout, look_up(far.face, slots), look_up(buffers.reshape(-1), target))
+        return self._pixel_cost(look_up(far.cost, slots), near, jnp.ones_like(near), jnp.ones_like(near))

@@ -18,7 +18,8 @@ from ._observe import (
     facing_cosine as facing_cosine,
     fit_capture_appearance as fit_capture_appearance,
     full_image_ids as full_image_ids,
+    simplified_surface as simplified_surface,
     surface_of as surface_of,
 )
-from ._problem import Edges as Edges, FrameProblem as FrameProblem, Surface as Surface
+from ._problem import Clusters as Clusters, Edges as Edges, FrameProblem as FrameProblem, Surface as Surface
 from ._rectangle import Rectangle as Rectangle, place_rectangle as place_rectangle, projected_box as projected_box

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PRNGKeyArray, UInt8
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
 from jaxmocap.appearance import (
     Appearance,
@@ -19,6 +19,7 @@ from jaxmocap.appearance import (
     label_image,
     plate_beside,
     warp_grid,
+    whitening,
 )
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture
@@ -29,7 +30,7 @@ from jaxmocap.render import face_ids, inverse_depth_range
 from ._clean_plate import CleanPlate
 from ._edges import background_edges, image_edges
 from ._features import FeatureSettings, FrameFeatures, frame_features, match_background
-from ._problem import Edges, FrameProblem, Surface
+from ._problem import Clusters, Edges, FrameProblem, Surface
 from ._rectangle import Rectangle
 
 GEODESIC_STEPS = 5
@@ -125,7 +126,36 @@ def surface_of(character: Character, appearance: Appearance | None, num_cameras:
             jnp.zeros((num_cameras, len(faces)), bool),
         )
     tables = jnp.stack([appearance.foreground_table(camera) for camera in range(num_cameras)])
-    return Surface(tables, near, appearance.foreground.mean_colours(), appearance.foreground.source > 0)
+    models = [appearance.foreground.camera(camera) for camera in range(num_cameras)]
+    means = jnp.stack([model.means for model in models])
+    whiten, offset = (
+        jnp.stack(parts) for parts in zip(*(whitening(m, appearance.settings.colour) for m in models), strict=True)
+    )
+    clusters = Clusters(means, whiten, offset, appearance.settings.colour)
+    return Surface(tables, near, appearance.foreground.mean_colours(), appearance.foreground.source > 0, clusters)
+
+
+def simplified_surface(
+    surface: Surface, faces: Int[np.ndarray, "simple 3"], nearest: Int[np.ndarray, "face"]
+) -> Surface:
+    """The tables of a simplified mesh (`character.simplify`): a face is as near to a colour as the nearest of the faces
+    it stands for, and geodesic steps are longer."""
+    count, order = len(faces), np.argsort(nearest, kind="stable")
+    present, first = np.unique(nearest[order], return_index=True)
+    tables = np.asarray(surface.colour_distance)
+    merged = np.ones((tables.shape[0], count, tables.shape[2]), tables.dtype)
+    colours, known = np.zeros((tables.shape[0], count, 3), np.float32), np.zeros((tables.shape[0], count), bool)
+    for camera in range(len(tables)):
+        merged[camera, present] = np.minimum.reduceat(tables[camera][order], first, axis=0)
+        has = np.asarray(surface.has_colour[camera])
+        weights = np.bincount(nearest, has, minlength=count)
+        known[camera] = weights > 0
+        for channel in range(3):
+            total = np.bincount(nearest, np.where(has, surface.mean_colour[camera, :, channel], 0.0), minlength=count)
+            colours[camera, :, channel] = total / np.maximum(weights, 1)
+    steps = max(1, round(GEODESIC_STEPS * np.sqrt(count / len(nearest))))
+    near = jnp.asarray(pack_rows(faces_within(faces, steps)))
+    return Surface(jnp.asarray(merged), near, jnp.asarray(colours), jnp.asarray(known))
 
 
 def build_problem(

@@ -4,19 +4,38 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from jaxmocap.appearance import ColourSettings, distance
+
+
+class Clusters(eqx.Module):
+    """The colour models behind `Surface.colour_distance`, for looking at single pixels without a palette: the means of
+    their Gaussians, `whitening` and offset of Eq. 3."""
+
+    means: Float[Array, "camera face cluster 3"]
+    whiten: Float[Array, "camera face cluster 6"]
+    offset: Float[Array, "camera face cluster"]
+    settings: ColourSettings
+
+    def distance(self, camera: Int[Array, "*#n"], face: Int[Array, "*#n"], colour: Float[Array, "*#n 3"]) -> Array:
+        """psi_f of Eq. 3, exactly."""
+        gap = colour[..., None, :] - self.means[camera, face]
+        each = distance(gap, self.whiten[camera, face], self.offset[camera, face], self.settings)
+        return jnp.minimum(each.min(-1), self.settings.tau)
+
 
 class Surface(eqx.Module):
     """What is known of the character's surface, the same for all frames.
 
     `colour_distance (camera, face, colour)`: psi_f of Eq. 3 for every palette colour, tau where a face has no model.
     `near_faces (face, word)`: bit table of faces at most five edge steps apart (Eq. 7). `mean_colour` is the mean RGB
-    of a face's model, meaningful where `has_colour`.
+    of a face's model, meaningful where `has_colour`. `clusters` is None for a mesh without models of its own.
     """
 
     colour_distance: Float[Array, "camera face colour"]
     near_faces: UInt32[Array, "face word"]
     mean_colour: Float[Array, "camera face 3"]
     has_colour: Bool[Array, "camera face"]
+    clusters: Clusters | None = None
 
 
 class Edges(eqx.Module):

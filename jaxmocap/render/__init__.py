@@ -6,11 +6,21 @@ from ._face_ids import (
 )
 from ._keys import WINDOW as WINDOW, KeyLayout as KeyLayout, crop as crop, empty_buffer as empty_buffer
 from ._soft_faces import SoftFaces as SoftFaces, SoftSettings as SoftSettings, soft_faces as soft_faces
+from ._tiles import (
+    Tiles as Tiles,
+    covered_tiles as covered_tiles,
+    sum_in_turns as sum_in_turns,
+    sum_over_tiles as sum_over_tiles,
+)
 from ._windows import (
+    Driver as Driver,
     Jobs as Jobs,
+    best_driver as best_driver,
     draw as draw,
+    draw_in_turn as draw_in_turn,
     draw_scatter as draw_scatter,
     expand as expand,
+    look_up as look_up,
     to_screen as to_screen,
     window_jobs as window_jobs,
 )

@@ -2,12 +2,11 @@
 
 Each front face is cut into windows on a grid that starts at its own bounding box, so that a window's numbers do not
 depend on the rectangle being drawn and a limb drawn over a body gives the same bits as both drawn together. Set-up is
-one vectorised pass over the faces; the windows are then applied one after the other (`draw`, the fast form on a CPU,
-where XLA turns the loop into one in-place kernel) or all at once by a scatter (`draw_scatter`, the form for a GPU or
-TPU).
+one vectorised pass over the faces; the windows are then applied one after the other (the fast form on a CPU,
+where XLA turns the loop into one in-place kernel) or all at once by a scatter (the form for a GPU or TPU).
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +47,12 @@ def _as_int(value: Float[Array, "*n"]) -> Int[Array, "*n"]:
     return lax.bitcast_convert_type(value, jnp.int32)
 
 
-def _running_sum(values: Int[Array, "n"], block: int = 64) -> Int[Array, "n"]:
+def look_up(values: Array, index: Int[Array, "*n"]) -> Array:
+    """`values[index]` of a flat array, for an index that is known to be inside: no wrapping, no clipping."""
+    return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
+def running_sum(values: Int[Array, "n"], block: int = 64) -> Int[Array, "n"]:
     """Cumulative sum by two triangular products: exact below 2^24 and much faster than a scan on a CPU."""
     length = -(-values.shape[0] // block) * block
     rows = jnp.pad(values.astype(jnp.float32), (0, length - values.shape[0])).reshape(-1, block)
@@ -62,15 +66,14 @@ def expand(
     counts: Int[Array, "n"], capacity: int
 ) -> tuple[Int[Array, "capacity"], Int[Array, "capacity"], Int[Array, ""]]:
     """Item i repeated `counts[i]` times: the item and the rank within it for each slot, and the total."""
-    ends = _running_sum(counts)
+    used = counts > 0
+    ends, order = running_sum(counts), running_sum(used.astype(jnp.int32)) - 1
     starts = ends - counts
-    items = jnp.arange(counts.shape[0], dtype=jnp.int32)
-    marks = (
-        jnp.zeros(capacity, jnp.int32)
-        .at[jnp.where(counts > 0, starts, capacity)]
-        .max(items, mode="drop", unique_indices=True)
-    )
-    item = lax.associative_scan(jnp.maximum, marks)
+    row, slot = jnp.where(used, order, counts.shape[0]), jnp.where(used, starts, capacity)
+    place = {"mode": "drop", "unique_indices": True}
+    items = jnp.zeros_like(counts).at[row].set(jnp.arange(counts.shape[0], dtype=jnp.int32), **place)
+    marks = jnp.zeros(capacity, jnp.int32).at[slot].set(1, **place)
+    item = look_up(items, jnp.maximum(running_sum(marks) - 1, 0))
     return item, jnp.arange(capacity, dtype=jnp.int32) - starts[item], ends[-1]
 
 
@@ -93,17 +96,21 @@ def window_jobs(
     `needed > capacity` says that windows were dropped; the caller draws again with a larger capacity.
     """
     top, left = (jnp.zeros((), jnp.int32),) * 2 if corner is None else (corner[0], corner[1])
-    x, y, inverse = screen[0][faces], screen[1][faces], screen[2][faces]
+    x, y, inverse = lax.optimization_barrier(
+        tuple(tuple(look_up(values, corner) for corner in faces) for values in screen)
+    )
     scale = layout.depth_levels / (depth_range[1] - depth_range[0])
-    level = jnp.clip((inverse - depth_range[0]) * scale, 0.0, float(layout.depth_levels)) + 1.0
-    start_x, start_y = jnp.ceil(x.min(0)), jnp.ceil(y.min(0))
-    last_x, last_y = jnp.floor(x.max(0)), jnp.floor(y.max(0))
-    near = (inverse.min(0) > 0) & (jnp.abs(x).max(0) < _FAR_PIXEL) & (jnp.abs(y).max(0) < _FAR_PIXEL)
+    level = [jnp.clip((d - depth_range[0]) * scale, 0.0, float(layout.depth_levels)) + 1.0 for d in inverse]
+    low_x, low_y, low_inverse = (jnp.minimum(jnp.minimum(a, b), c) for a, b, c in (x, y, inverse))
+    high_x, high_y = (jnp.maximum(jnp.maximum(a, b), c) for a, b, c in (x, y))
+    start_x, start_y = jnp.ceil(low_x), jnp.ceil(low_y)
+    last_x, last_y = jnp.floor(high_x), jnp.floor(high_y)
+    near = (low_inverse > 0) & (jnp.minimum(low_x, low_y) > -_FAR_PIXEL) & (jnp.maximum(high_x, high_y) < _FAR_PIXEL)
     hit = (last_x >= left) & (last_y >= top) & (start_x <= left + width - 1) & (start_y <= top + height - 1)
     hit &= (last_x >= start_x) & (last_y >= start_y)
 
-    x, y = x - start_x, y - start_y
-    (ax, bx, cx), (ay, by, cy) = x, y
+    ax, bx, cx = (value - start_x for value in x)
+    ay, by, cy = (value - start_y for value in y)
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     draw_it = near & hit & (area < -1e-8)
     if active is not None:
@@ -160,14 +167,36 @@ def _window_keys(record: Float[Array, "12"], layout: KeyLayout) -> Int[Array, "8
     return jnp.where(inside, (bounded << layout.id_bits) | _as_int(record[11]), 0)
 
 
+Driver = Literal["loop", "scatter"]
+"""How windows are drawn: one after the other, or all at once. Both make the same bits."""
+
+
+def best_driver() -> Driver:
+    """The loop on a CPU; the scatter, under `vmap`, on everything else."""
+    return "loop" if jax.default_backend() == "cpu" else "scatter"
+
+
 def draw(
-    buffer: Int[Array, "padded_height padded_width"], jobs: Jobs, layout: KeyLayout
+    buffer: Int[Array, "padded_height padded_width"],
+    jobs: Jobs,
+    layout: KeyLayout,
+    first_row: int | Array = 0,
+    driver: Driver | None = None,
 ) -> Int[Array, "padded_height padded_width"]:
-    """Draw the windows one after the other into the buffer. Iterate particles with `lax.map`, not `vmap`."""
+    """Draw the windows into the buffer, whose picture may start further down at `first_row`. The default driver is the
+    machine's `best_driver`."""
+    put = draw_in_turn if (driver or best_driver()) == "loop" else draw_scatter
+    return put(buffer, jobs, layout, first_row)
+
+
+def draw_in_turn(
+    buffer: Int[Array, "padded_height padded_width"], jobs: Jobs, layout: KeyLayout, first_row: int | Array = 0
+) -> Int[Array, "padded_height padded_width"]:
+    """Draw the windows one after the other. Iterate particles with `lax.map`, not `vmap`."""
 
     def body(i: Array, keys: Array) -> Array:
         record = jobs.records[i]
-        corner = (_as_int(record[10]), _as_int(record[9]))
+        corner = (_as_int(record[10]) + first_row, _as_int(record[9]))
         old = lax.dynamic_slice(keys, corner, (WINDOW, WINDOW))
         return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(record, layout)), corner)
 
@@ -175,13 +204,13 @@ def draw(
 
 
 def draw_scatter(
-    buffer: Int[Array, "padded_height padded_width"], jobs: Jobs, layout: KeyLayout
+    buffer: Int[Array, "padded_height padded_width"], jobs: Jobs, layout: KeyLayout, first_row: int | Array = 0
 ) -> Int[Array, "padded_height padded_width"]:
     """Draw all windows at once by a scatter of maxima: the form for `vmap` on a GPU or TPU. Same keys, same bits."""
     keys = jax.vmap(lambda record: _window_keys(record, layout))(jobs.records)
     live = (jnp.arange(jobs.records.shape[0]) < jobs.count)[:, None, None]
     lanes = jnp.arange(WINDOW)
     index_x = _as_int(jobs.records[:, 9])[:, None, None] + lanes[None, None, :]
-    index_y = _as_int(jobs.records[:, 10])[:, None, None] + lanes[None, :, None]
+    index_y = first_row + _as_int(jobs.records[:, 10])[:, None, None] + lanes[None, :, None]
     flat = jnp.where(live & (keys > 0), index_y * buffer.shape[1] + index_x, buffer.size)
     return buffer.reshape(-1).at[flat.reshape(-1)].max(keys.reshape(-1), mode="drop").reshape(buffer.shape)

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Pose, difference, retract, skin
@@ -21,10 +21,11 @@ from jaxmocap.refiners import Shooting
 from jaxmocap.render import face_ids
 
 from ._confidence import dominant_bodies, judge
+from ._economy import Restraint, Retry, group_bodies, mean_costs
 from ._least_squares import Prior, Rows, descend, free_prior
 from ._polish import polish
 from ._register import draw, frame_rectangle
-from ._search import GroupSearch, Stage, group_searches, initial_spread, is_limb
+from ._search import GroupSearch, Stage, group_searches, initial_spread, is_limb, simplified_mesh
 from ._surface_flow import Source, surface_flow
 from ._tracker import RefinePlan, SearchPlan, Tracker, sigma_floor
 
@@ -100,13 +101,19 @@ class FrameTracker:
         self.cameras: Cameras = observations.cameras
         self.tracker = tracker
         self.key = key
-        self.groups = group_searches(self.character)
-        self.far_groups = [group for group in group_searches(self.character) if is_limb(group)]
+        shares = {stage.faces for stage in tracker.search.stages} - {1.0} if tracker.search is not None else set()
+        meshes = {share: simplified_mesh(self.character, observations.surface, share) for share in sorted(shares)}
+        self.groups = group_searches(self.character, meshes)
+        self.far_groups = [group for group in group_searches(self.character, meshes) if is_limb(group)]
         self.spread = initial_spread(self.character)
         self.rectangle: Rectangle | None = None
         self.last: tuple[FrameImages, Pose] | None = None
         self.increments: list[np.ndarray] = []
         self.face_bodies = dominant_bodies(self.character)
+        self.bodies = [group_bodies(self.character, group.dofs) for group in self.groups]
+        self.outer_bodies = [group_bodies(self.character, group.dofs, outer=True) for group in self.far_groups]
+        calm = tracker.search.calm if tracker.search is not None else None
+        self.restraint = Restraint(calm, len(self.groups)) if calm is not None else None
         self._keys: dict[tuple[int, int], Source] = {}
 
     # Sources of surface correspondences -------------------------------------------------------------------------
@@ -203,15 +210,17 @@ class FrameTracker:
     def score(self, problem: FrameProblem, base: Pose, poses: list[Pose]) -> tuple[np.ndarray, np.ndarray]:
         """Eq. 5 of some poses on the full problem: totals, and terms (pose, term)."""
         root = self.groups[0]
+        sizes, level = root.sizes.capacity, (1, 1.0)
+        sizes.setdefault(level, 2 ** (self.character.faces.shape[0] - 1).bit_length())
         increments = jnp.stack([difference(self.character.skeleton, base, pose) for pose in poses])
         while True:
             scores = _score(
-                self.tracker.search_energy, self.character, root.part, base, problem, increments, root.sizes.capacity
+                self.tracker.search_energy, self.character, root.part, base, problem, increments, sizes[level]
             )
             needed = int(scores.needed)
-            if needed <= root.sizes.capacity:
+            if needed <= sizes[level]:
                 return np.asarray(scores.total), np.asarray(scores.terms)
-            root.sizes.capacity = 2 ** (needed - 1).bit_length()
+            sizes[level] = 2 ** (needed - 1).bit_length()
 
     def search(self, pose: Pose, problem: FrameProblem, frame: int, clock: Clock) -> tuple[Pose, np.ndarray]:
         """Sec. 4.1: root, torso, then each limb, every group starting from what the earlier ones found."""
@@ -219,24 +228,54 @@ class FrameTracker:
         deviation = np.zeros(39)
         if plan is None:
             return pose, deviation
+        wanted = self._wanted(pose, problem, frame, clock)
         for number, group in enumerate(self.groups):
+            if not wanted[number]:
+                continue
             with clock.stage(f"search {group.name}"):
                 key = jax.random.fold_in(jax.random.fold_in(self.key, frame), number)
                 pose, found = self._search_group(group, plan, pose, problem, plan.wide, key)
                 deviation += found
         if plan.retry is not None:
             with clock.stage("search again"):
-                if unexplained(np.asarray(draw(self.character, pose, problem)[1]), problem) > plan.retry:
-                    for number, group in enumerate(self.far_groups):
-                        key = jax.random.fold_in(jax.random.fold_in(self.key, frame), 100 + number)
-                        pose, _ = self._search_group(group, plan, pose, problem, 0.5, key)
+                pose = self._search_again(plan, plan.retry, pose, problem, frame)
         return pose, deviation
+
+    def _wanted(self, pose: Pose, problem: FrameProblem, frame: int, clock: Clock) -> Bool[np.ndarray, "group"]:
+        """The groups to search from this start."""
+        if self.restraint is None or self.last is None:
+            return np.ones(len(self.groups), bool)
+        with clock.stage("calm"):
+            before, after = skin(self.character, self.last[1]), skin(self.character, pose)
+            moved = np.linalg.norm(np.asarray(after - before), axis=1) * self.observations.capture.fps
+            faces = np.asarray(self.character.faces)
+            parts = [np.unique(faces[np.asarray(group.part.moves)]) for group in self.groups]
+            speeds = np.array([np.percentile(moved[part], 90) for part in parts])
+            return self.restraint.search(speeds, self._mean_costs(self.bodies, pose, problem))
+
+    def _mean_costs(self, groups, pose: Pose, problem: FrameProblem) -> Float[np.ndarray, "group"]:
+        _, ids, _ = draw(self.character, pose, problem)
+        return mean_costs(groups, self.face_bodies, np.asarray(ids), np.asarray(covered_costs(ids, problem)))
+
+    def _search_again(self, plan: SearchPlan, retry: Retry, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
+        """Limbs that seem lost, further afield; the answer counts where it pays."""
+        _, ids, _ = draw(self.character, pose, problem)
+        costs = np.asarray(covered_costs(ids, problem))
+        foreign = mean_costs(self.outer_bodies, self.face_bodies, np.asarray(ids), costs) > retry.foreign
+        if unexplained(np.asarray(ids), problem) > retry.uncovered:
+            foreign[:] = True
+        for number in np.flatnonzero(foreign):
+            key = jax.random.fold_in(jax.random.fold_in(self.key, frame), 100 + int(number))
+            found, _ = self._search_group(self.far_groups[number], plan, pose, problem, retry.wide, key)
+            (before, after), _ = self.score(problem, pose, [pose, found])
+            pose = found if after < before - retry.margin else pose
+        return pose
 
     def _search_group(
         self, group: GroupSearch, plan: SearchPlan, pose: Pose, problem: FrameProblem, wide: float, key: PRNGKeyArray
     ) -> tuple[Pose, np.ndarray]:
         limb, pace = is_limb(group), self._speed_factor() if wide == 0 else 1.0
-        stages = tuple(Stage(self.tracker.search_energy, step, count) for step, count in plan.stages)
+        stages = tuple(Stage(self.tracker.search_energy, *effort) for effort in plan.stages)
         sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), 1.0 if limb else plan.trunk)
         spread = self.spread * plan.spread * pace * (1.0 if limb else plan.trunk)
         found = group(stages, sampler, self.character, pose, problem, spread, key, wide if limb else 0.0)
@@ -375,6 +414,9 @@ class FrameTracker:
             moved = difference(self.character.skeleton, self.last[1], pose) if self.last is not None else jnp.zeros(39)
             seconds = abs(shown.timestamp - self.last[0].timestamp) if self.last is not None else 1.0
             speed = float(jnp.linalg.norm(moved[:3])) / max(seconds, 1e-3)
+            if self.restraint is not None:
+                costs_by_group = mean_costs(self.bodies, self.face_bodies, np.asarray(ids), np.asarray(costs))
+                self.restraint.learn(costs_by_group)
             verdict = judge(
                 self.character,
                 self.face_bodies,

@@ -1,6 +1,7 @@
 """The sample-based search of sec. 4.1: one group of DoFs at a time, a whole generation of particles per compiled
 call."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import equinox as eqx
@@ -9,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from jaxmocap.character import Character, Pose, retract
+from jaxmocap.character import Character, Pose, retract, simplify
 from jaxmocap.energies import (
     Base,
     BodyPart,
@@ -21,10 +22,11 @@ from jaxmocap.energies import (
     prepare_base,
     score_particles,
 )
-from jaxmocap.observation import FrameProblem
+from jaxmocap.observation import FrameProblem, Surface, simplified_surface
 from jaxmocap.samplers import AbstractSampler, run
 
 REGION_STEP = 64
+_LEAST_FACES = 500
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
 POOL = 20
@@ -52,12 +54,27 @@ def initial_spread(character: Character) -> Float[np.ndarray, "dof"]:
     return spread
 
 
+class Mesh(eqx.Module):
+    """A simplified character and its tables."""
+
+    character: Character
+    surface: Surface
+
+
+def simplified_mesh(character: Character, surface: Surface, share: float) -> Mesh:
+    """The mesh with this share of its faces (host)."""
+    simple, nearest = simplify(character, max(round(share * character.faces.shape[0]), _LEAST_FACES))
+    return Mesh(simple, simplified_surface(surface, np.asarray(simple.faces), nearest))
+
+
 class Stage(eqx.Module):
-    """Some iterations at one resolution: every `step`-th pixel of the rectangle, with this energy."""
+    """Some iterations at one resolution: every `step`-th pixel of the rectangle, with this energy and the mesh that
+    keeps this share of its faces."""
 
     energy: SearchEnergy
     step: int = eqx.field(static=True, default=1)
     iterations: int = eqx.field(static=True, default=25)
+    faces: float = eqx.field(static=True, default=1.0)
 
 
 class GroupResult(eqx.Module):
@@ -67,7 +84,7 @@ class GroupResult(eqx.Module):
     increment: Float[Array, "dof"]
     deviation: Float[Array, "dof"]
     energy: Float[Array, ""]
-    needed: Int[Array, ""]
+    needed: Int[Array, "stage"]
     needed_base: Int[Array, ""]
     needed_far: Int[Array, ""]
 
@@ -144,50 +161,57 @@ def wide_population(
 def _search(
     wide,
     stages,
+    meshes,
+    parts,
     sampler,
     character,
-    part,
     pose,
     problem,
     corners,
     size,
-    capacity,
+    capacities,
     base_capacity,
     spread,
     lower,
     upper,
     key,
 ):
-    energies, needed_base, needed_far = [], [], []
-    for stage in stages:
+    energies, needed_base, needed_far, views = [], [], [], []
+    for stage, mesh, drawn, capacity in zip(stages, meshes, parts, capacities, strict=True):
         coarse = problem.coarser(stage.step)
+        actor = character if mesh is None else mesh.character
+        coarse = coarse if mesh is None else replace(coarse, surface=mesh.surface)
         region = Region(corners // stage.step, (size[0] // stage.step, size[1] // stage.step))
-        base = prepare_base(stage.energy, character, part, pose, coarse, region, base_capacity)
-        energy = _ParticleEnergy(
-            stage.energy, character, part, pose, coarse, region.corners, base, region.size, capacity
-        )
+        base = prepare_base(stage.energy, actor, drawn, pose, coarse, region, base_capacity)
+        energy = _ParticleEnergy(stage.energy, actor, drawn, pose, coarse, region.corners, base, region.size, capacity)
         energies.append((energy, stage.iterations))
         needed_base.append(base.needed)
         needed_far.append(base.needed_far)
-    start = jnp.zeros(part.dofs.shape[0])
-    box = (spread[part.dofs], lower[part.dofs], upper[part.dofs])
+        views.append((drawn, coarse, region, capacity))
+    dofs = parts[0].dofs
+    start = jnp.zeros(dofs.shape[0])
+    box = (spread[dofs], lower[dofs], upper[dofs])
     count = int(wide * sampler.num_particles)
     far = wide_population(jax.random.fold_in(key, 1), POOL * count, *box)
     if far is not None:
         scores = energies[0][0](far)
         far = far[jax.lax.top_k(-jnp.where(jnp.isfinite(scores), scores, jnp.inf), count)[1]]
     best, info = run(sampler, energies, start, *box, key, far)
-    increment = jnp.zeros(39).at[part.dofs].set(best)
-    whole = Region(corners, size)
+    increment = jnp.zeros(39).at[dofs].set(best)
     needed = []
-    for delta in (jnp.zeros(39), increment):
-        vertices = part.posed(character, retract(character.skeleton, pose, delta))
-        needed += [part_jobs(part, vertices, problem, c, whole, capacity)[0].needed for c in range(problem.num_cameras)]
+    for drawn, coarse, region, capacity in views:
+
+        def windows(posed: Array, drawn=drawn, coarse=coarse, region=region, capacity=capacity) -> Array:
+            cameras = jnp.arange(coarse.num_cameras)
+            return jax.lax.map(lambda c: part_jobs(drawn, posed, coarse, c, region, capacity)[0].needed, cameras).max()
+
+        poses = (pose, retract(character.skeleton, pose, increment))
+        needed.append(jax.lax.map(windows, jnp.stack([drawn.posed(character, moved) for moved in poses])).max())
     return GroupResult(
         increment=increment,
-        deviation=jnp.zeros(39).at[part.dofs].set(info.deviation),
+        deviation=jnp.zeros(39).at[dofs].set(info.deviation),
         energy=info.energy,
-        needed=jnp.stack(needed).max(),
+        needed=jnp.stack(needed),
         needed_base=jnp.stack(needed_base).max(),
         needed_far=jnp.stack(needed_far).max(),
     )
@@ -199,11 +223,12 @@ def _power(count: float, least: int = 256) -> int:
 
 @dataclass
 class Sizes:
-    """Static sizes of a compiled search, which only grow; the two arms share one, and the two legs."""
+    """Static sizes of a compiled search, which only grow; the two arms share one, and the two legs. Windows are counted
+    by resolution and mesh: (step, share of the faces)."""
 
-    capacity: int
     base_capacity: int
-    far_capacity: int = 4096
+    capacity: dict[tuple[int, float], int] = field(default_factory=dict)
+    far_capacity: int = 1024
     region: tuple[int, int] = (0, 0)
 
 
@@ -214,7 +239,8 @@ class GroupSearch:
     name: str
     dofs: tuple[int, ...]
     part: BodyPart
-    sizes: Sizes = field(default_factory=lambda: Sizes(256, 256))
+    simple: dict[float, tuple[Mesh, BodyPart]] = field(default_factory=dict)
+    sizes: Sizes = field(default_factory=lambda: Sizes(256))
 
     def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
         """Corners of the region in the rectangle; its size grows in steps and never beyond the rectangle."""
@@ -260,6 +286,10 @@ class GroupSearch:
         boxes = np.asarray(particle_boxes(character, self.part, pose, problem, jnp.asarray(cloud)))
         corners = jnp.asarray(self.place_region(boxes, problem))
         sizes = self.sizes
+        levels = [(stage.step, stage.faces) for stage in stages]
+        drawn = [self.simple.get(stage.faces, (None, self.part)) for stage in stages]
+        for level, (_, part) in zip(levels, drawn, strict=True):
+            sizes.capacity.setdefault(level, _power(1.3 * part.faces.shape[1]))
         while True:
             sized = tuple(
                 replace(stage, energy=with_far_capacity(stage.energy, sizes.far_capacity)) for stage in stages
@@ -267,14 +297,15 @@ class GroupSearch:
             result = _search(
                 wide,
                 sized,
+                tuple(mesh for mesh, _ in drawn),
+                tuple(part for _, part in drawn),
                 sampler,
                 character,
-                self.part,
                 pose,
                 problem,
                 corners,
                 sizes.region,
-                sizes.capacity,
+                tuple(sizes.capacity[level] for level in levels),
                 sizes.base_capacity,
                 jnp.asarray(spread, jnp.float32),
                 lower,
@@ -282,14 +313,16 @@ class GroupSearch:
                 key,
             )
             result = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)), result)
-            needed, needed_base, needed_far = int(result.needed), int(result.needed_base), int(result.needed_far)
+            needed_base, needed_far = int(result.needed_base), int(result.needed_far)
+            needed = {level: int(count) for level, count in zip(levels, result.needed, strict=True)}
             if (
-                1.1 * needed <= sizes.capacity
+                all(1.1 * count <= sizes.capacity[level] for level, count in needed.items())
                 and needed_base <= sizes.base_capacity
                 and needed_far <= sizes.far_capacity
             ):
                 return result
-            sizes.capacity = max(sizes.capacity, _power(1.2 * needed))
+            for level, count in needed.items():
+                sizes.capacity[level] = max(sizes.capacity[level], _power(1.2 * count))
             sizes.base_capacity = max(sizes.base_capacity, _power(1.1 * needed_base))
             sizes.far_capacity = max(sizes.far_capacity, _power(1.1 * needed_far))
 
@@ -301,20 +334,29 @@ def with_far_capacity(energy: SearchEnergy, capacity: int) -> SearchEnergy:
     )
 
 
-def group_searches(character: Character) -> list[GroupSearch]:
-    """One search per group of the skeleton, left and right padded to the same shapes."""
+def alike_parts(character: Character) -> dict[str, BodyPart]:
+    """The parts of all groups, left and right padded to the same shapes."""
     groups = character.skeleton.groups
     plain = {name: body_part(character, dofs) for name, dofs in groups}
-    num_faces = character.faces.shape[0]
+    parts = {}
+    for name, dofs in groups:
+        alike = [plain[other] for other, _ in groups if other.split("_")[-1] == name.split("_")[-1]]
+        faces = max(part.faces.shape[1] for part in alike)
+        parts[name] = body_part(character, dofs, faces, max(part.vertices.shape[0] for part in alike))
+    return parts
+
+
+def group_searches(character: Character, meshes: Mapping[float, Mesh] | None = None) -> list[GroupSearch]:
+    """One search per group of the skeleton. `meshes` holds a simplified mesh for every share of the faces that a stage
+    names, except 1."""
+    parts = alike_parts(character)
+    simple = {share: (mesh, alike_parts(mesh.character)) for share, mesh in (meshes or {}).items()}
     shared: dict[str, Sizes] = {}
     searches = []
-    for name, dofs in groups:
-        kind = name.split("_")[-1]
-        alike = [plain[other] for other, _ in groups if other.split("_")[-1] == kind]
-        faces = max(part.faces.shape[1] for part in alike)
-        part = body_part(character, dofs, faces, max(part.vertices.shape[0] for part in alike))
-        sizes = shared.setdefault(kind, Sizes(_power(1.3 * faces), _power(1.3 * num_faces)))
-        searches.append(GroupSearch(name, dofs, part, sizes))
+    for name, dofs in character.skeleton.groups:
+        sizes = shared.setdefault(name.split("_")[-1], Sizes(_power(1.3 * character.faces.shape[0])))
+        coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
+        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes))
     return searches
 
 

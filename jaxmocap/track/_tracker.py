@@ -1,7 +1,7 @@
 """The tracker as a value: what is searched, with how much effort, and how the result is refined."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,27 +15,36 @@ from jaxmocap.refiners import AbstractRefiner, LeastSquares
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
 
 from ._confidence import VerdictSettings
+from ._economy import Calm, Retry
 from ._polish import PolishPlan
 from ._surface_flow import FlowSettings
 
 Quality = Literal["draft", "normal", "paper"]
 
 
+class Effort(NamedTuple):
+    """Some iterations of the search that look at every `step`-th pixel and draw a mesh with this share of its faces."""
+
+    step: int = 1
+    iterations: int = 25
+    faces: float = 1.0
+
+
 @dataclass(frozen=True)
 class SearchPlan:
-    """Effort of the annealing: `stages` are (every step-th pixel, iterations) from coarse to fine; `particles` per
+    """Effort of the annealing: `stages` run from coarse to fine; `particles` per
     group (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `wide` is the share
     of a limb's first particles that look further afield (0 is the paper); `trunk` scales particles and spread of root
-    and torso, which are large and move less than limbs; `retry` is the share of the person's pixels that may look
-    foreign and stay uncovered before the limbs are searched again further afield (None: never, the paper); `answer`
-    "mean" is the paper's."""
+    and torso, which are large and move less than limbs; `calm` says when a group need not be searched, `retry` when a
+    limb is searched again (None: never, the paper); `answer` "mean" is the paper's."""
 
-    stages: tuple[tuple[int, int], ...] = ((1, 25),)
+    stages: tuple[Effort, ...] = (Effort(),)
     particles: int | None = None
     spread: float = 1.0
     wide: float = 0.0
     trunk: float = 1.0
-    retry: float | None = None
+    calm: Calm | None = None
+    retry: Retry | None = None
     answer: Literal["mean", "best_if_better"] = "best_if_better"
 
     def sampler(
@@ -43,7 +52,7 @@ class SearchPlan:
     ) -> InteractingSimulatedAnnealing:
         """The annealing of one group, with a share of the particles."""
         count = round(share * (particles_for(num_dofs) if self.particles is None else self.particles))
-        iterations = sum(count for _, count in self.stages)
+        iterations = sum(stage.iterations for stage in self.stages)
         return InteractingSimulatedAnnealing(
             num_particles=count, num_iterations=iterations, answer=self.answer, sigma_min=sigma_min
         )
@@ -118,10 +127,11 @@ class Tracker:
             weights=RefineWeights(regularisation=0.3, residual_scale=0.02, prior=0.3, robust=0.015),
             contours=ContourSettings(reach=10),
         )
+        efforts = (Effort(4, 10, 0.25), Effort(2, 6, 0.5))
         if quality == "normal":
-            return Tracker(fast, SearchPlan(((2, 16),), particles=96, trunk=0.6, retry=0.015), plan)
+            return Tracker(fast, SearchPlan(efforts, particles=96, trunk=0.6, calm=Calm(), retry=Retry()), plan)
         if quality == "draft":
-            coarse = SearchPlan(((4, 8),), particles=48, spread=0.6)
+            coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6)
             return Tracker(fast, coarse, replace(plan, rounds=2))
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
 

@@ -21,6 +21,7 @@ from jaxmocap.energies import (
     score_particles,
 )
 from jaxmocap.observation import FrameProblem
+from jaxmocap.render import Driver
 
 TERMS = ("model_view", "view_view", "coarse", "colour", "silhouette", "posture")
 FRAME = 2  # not a selected one: its background models are warped
@@ -52,10 +53,11 @@ def score_in(
     corners: Array,
     size: tuple[int, int],
     increments: Array,
+    driver: Driver | None = None,
 ) -> tuple[Scores, Base]:
     region = Region(corners, size)
     base = prepare_base(energy, character, part, pose, problem, region, CAPACITY)
-    return score_particles(energy, character, part, pose, problem, region, base, increments, CAPACITY), base
+    return score_particles(energy, character, part, pose, problem, region, base, increments, CAPACITY, driver), base
 
 
 def score(world, increments, energy: SearchEnergy | None = None) -> dict[str, np.ndarray]:

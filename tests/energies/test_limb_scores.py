@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scoring import FRAME, TERMS, energy_of, score, score_in
 
+from jaxmocap.appearance import psi
 from jaxmocap.character import retract, skin
-from jaxmocap.energies import Region, body_part
+from jaxmocap.energies import ModelView, Region, SearchEnergy, body_part, covered_cost, uncovered_cost
+from jaxmocap.track._register import draw
 
 LIMBS = ("l_arm", "r_arm", "l_leg", "r_leg")
 EACH = 36
@@ -75,6 +77,60 @@ def test_a_limb_in_its_region_scores_like_the_whole_body(world, parts, regions, 
         assert np.mean(gap > 1e-5) < 0.06, name
         assert gap.max() < (1.1e-3 if name == "coarse" else 3e-4), name
         assert np.ptp(terms[name]) > 1e-3 or (name == "posture" and "leg" in LIMBS[limb]), name
+
+
+def test_the_driver_of_accelerators_scores_like_that_of_cpus(world, parts, regions, increments):
+    corners, size = regions
+    found = [
+        score_in(
+            energy_of(world), world.character, parts[0], world.pose(FRAME), world.problem(FRAME),
+            jnp.asarray(corners[0]), size, jnp.asarray(increments[0, :8]), driver,
+        )[0]
+        for driver in ("loop", "scatter")
+    ]  # fmt: skip
+    assert int(found[0].needed) == int(found[1].needed)
+    gaps = np.abs(np.asarray(found[0].terms) - np.asarray(found[1].terms))
+    assert np.mean(gaps > 1e-5) < 0.06
+    assert gaps.max() < 1.1e-3
+
+
+def test_exact_shading_is_the_definition_and_near_the_palette(world, parts, regions, increments):
+    """In a limb's region, and over the whole rectangle by NumPy."""
+    corners, size = regions
+    energy = SearchEnergy((ModelView(), ModelView(shading="exact")))
+    problem, pose, moves = world.problem(FRAME), world.pose(FRAME), jnp.asarray(increments[0, :12])
+    where = (problem, jnp.asarray(corners[0]), size, moves)
+    scores, _ = score_in(energy, world.character, parts[0], pose, *where)
+    palette, exact = np.asarray(scores.terms).T
+    assert 0 < np.abs(palette - exact).max() < 0.004
+    assert np.ptp(exact) > 5 * np.abs((palette - palette.mean()) - (exact - exact.mean())).max()
+    _, ids, _ = draw(world.character, retract(world.character.skeleton, pose, moves[3]), problem)
+    ids = np.asarray(ids)
+    foreground = np.stack(
+        [
+            psi(
+                world.appearance.foreground.camera(c),
+                ids[c],
+                np.asarray(problem.image[c]),
+                world.appearance.settings.colour,
+            )
+            for c in range(2)
+        ]
+    )
+    background = np.asarray(problem.background)
+    cost = np.where(ids >= 0, covered_cost(foreground, background), uncovered_cost(background))
+    assert exact[3] == pytest.approx(cost.sum() / float(problem.area), rel=1e-3)
+
+
+def test_exact_shading_needs_colour_models(world):
+    problem = world.problem(FRAME)
+    bare = eqx.tree_at(lambda p: p.surface.clusters, problem, None)
+    part = body_part(world.character, world.character.skeleton.group("l_arm"))
+    with pytest.raises(ValueError, match="colour models"):
+        score_in(
+            SearchEnergy((ModelView(shading="exact"),)), world.character, part, world.pose(FRAME), bare,
+            jnp.zeros((2, 2), jnp.int32), bare.size, jnp.zeros((2, 39)),
+        )  # fmt: skip
 
 
 def test_a_region_cuts_what_the_numpy_slice_cuts():

@@ -13,7 +13,7 @@ from jaxmocap.samplers import InteractingSimulatedAnnealing
 from jaxmocap.track import Stage, group_searches
 from jaxmocap.track._frame import unexplained
 from jaxmocap.track._register import draw
-from jaxmocap.track._search import initial_spread
+from jaxmocap.track._search import initial_spread, simplified_mesh
 
 FRAME = 2
 
@@ -108,13 +108,35 @@ def test_the_same_key_gives_the_same_bits_and_another_key_others(find):
 
 def test_capacities_that_are_too_small_grow_and_do_not_change_the_answer(find, searches):
     _, _, enough = find("l_leg")
-    sizes = searches["l_leg"].sizes
-    before = sizes.capacity
-    sizes.capacity = 256
+    sizes, level = searches["l_leg"].sizes, (1, 1.0)
+    before = sizes.capacity[level]
+    sizes.capacity[level] = 256
     _, _, again = find("l_leg")
-    assert sizes.capacity >= 1.1 * int(enough.needed)
-    assert sizes.capacity <= before
+    assert sizes.capacity[level] >= 1.1 * int(enough.needed[0])
+    assert sizes.capacity[level] <= before
     np.testing.assert_allclose(again.increment, enough.increment, atol=1e-5)
+
+
+def test_a_simplified_mesh_at_a_coarse_step_finds_the_limb(world):
+    """The coarse stage alone, so that nothing else can have found it."""
+    surface = world.problem(FRAME).surface
+    mesh = simplified_mesh(world.character, surface, 0.5)
+    assert mesh.surface.colour_distance.shape[1] == mesh.character.faces.shape[0] < world.character.faces.shape[0]
+    search = next(group for group in group_searches(world.character, {0.5: mesh}) if group.name == "l_leg")
+    start = clamp(
+        world.character.skeleton,
+        retract(world.character.skeleton, world.pose(FRAME), jnp.zeros(39).at[jnp.array(search.dofs)].set(0.15)),
+    )
+    sampler = InteractingSimulatedAnnealing(num_particles=64, num_iterations=14, sigma_min=jnp.full(6, 0.00436))
+    energy = search_energy(step=2, sampling="nearest", fail="ignore", outside="ignore")
+    stages = (Stage(energy, 2, 14, 0.5),)
+    spread = initial_spread(world.character)
+    found = search(stages, sampler, world.character, start, world.problem(FRAME), spread, jax.random.key(0))
+    poses = (start, retract(world.character.skeleton, start, found.increment))
+    before, after = (limb_errors(world, {"l_leg": search}, "l_leg", pose).mean() for pose in poses)
+    assert before > 0.03
+    assert after < 0.4 * before
+    assert list(search.sizes.capacity) == [(2, 0.5)]
 
 
 def test_left_and_right_share_their_sizes_and_shapes(searches):

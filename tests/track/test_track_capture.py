@@ -1,5 +1,6 @@
 """From a capture folder to a result folder."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -19,8 +20,22 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def result(folder, tmp_path_factory):
-    told = []
+def programs():
+    """What is being done whenever a program is compiled or taken from the cache."""
+    doing, found = [None], []
+
+    def listen(event: str, _: float, **__) -> None:
+        if event == "/jax/core/compile/backend_compile_duration":
+            found.append(doing[-1])
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield doing, found
+    jax.monitoring.unregister_event_duration_listener(listen)
+
+
+@pytest.fixture(scope="module")
+def result(folder, tmp_path_factory, programs):
+    told = programs[0]
     out = tmp_path_factory.mktemp("result") / "first"
     motion = track_capture(folder, out, quality="draft", progress=lambda *step: told.append(step))
     return motion, out, told
@@ -31,6 +46,13 @@ def test_markers_are_found_to_three_centimetres(folder, result):
     assert scores["frames"] == 6
     assert scores["lost_frames"] == 0
     assert scores["marker_error_cm"]["mean"] < 3.0
+
+
+def test_nothing_is_compiled_once_the_sequence_runs(result, programs):
+    """`told` says what is done: the first two frames compile the start and the search."""
+    tracked = [step for step in programs[1] if step is not None and step[0] == "track"]
+    assert any(step[1] <= 2 for step in tracked)
+    assert not [step for step in tracked if step[1] > 2]
 
 
 def test_the_folder_holds_the_result(result):

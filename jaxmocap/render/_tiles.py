@@ -1,0 +1,84 @@
+"""Covered tiles: the 8 x 8 squares of a key buffer with something in them.
+
+A person fills a small part of its rectangle. A mean over covered pixels whose every pixel is dear is therefore computed
+over the covered tiles, some hundred at a time, in a loop that is as long as the particle needs.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from ._keys import WINDOW, KeyLayout
+from ._windows import look_up, running_sum
+
+_PIXELS_AT_ONCE = 2048
+
+
+class Tiles(NamedTuple):
+    """Row and column of the first pixel of each covered tile, counted without the border; the first `count` are
+    meant."""
+
+    rows: Int[Array, "tile"]
+    columns: Int[Array, "tile"]
+    count: Int[Array, ""]
+
+
+def covered_tiles(buffer: Int[Array, "padded_height padded_width"], layout: KeyLayout) -> Tiles:
+    """The tiles of a key buffer in which a pixel is covered, in reading order. There is room for all."""
+    down, across = (-(-(extent - 2 * WINDOW) // WINDOW) for extent in buffer.shape)
+    inner = buffer[WINDOW : WINDOW * (down + 1), WINDOW : WINDOW * (across + 1)]
+    highest = inner.reshape(down, WINDOW, -1).max(1).reshape(down, across, WINDOW).max(2).reshape(-1)
+    covered = highest > layout.empty
+    ends = running_sum(covered.astype(jnp.int32))
+    slots = jnp.where(covered, ends - 1, highest.size)
+    row, column = (WINDOW * np.indices((down, across), np.int32)).reshape(2, -1)
+    places = [
+        jnp.zeros(highest.size, jnp.int32).at[slots].set(value, mode="drop", unique_indices=True)
+        for value in (row, column)
+    ]
+    return Tiles(*places, ends[-1])
+
+
+def sum_in_turns(
+    count: Int[Array, ""], capacity: int, cost: Callable[[Int[Array, "n"]], Float[Array, "n"]]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Sum and number of the costs that are not negative in the first `count` of `capacity` slots.
+
+    `cost(slots)` is called for some thousand slots at a time, in a loop that is as long as `count` needs.
+    """
+    at_once = min(_PIXELS_AT_ONCE, capacity)
+
+    def body(turn: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+        slots = lax.optimization_barrier(turn * at_once + jnp.arange(at_once))
+        found = jnp.where(slots < count, cost(jnp.minimum(slots, capacity - 1)), -1.0)
+        found = lax.optimization_barrier(found)
+        counted = found >= 0
+        return sums[0] + jnp.where(counted, found, 0.0), sums[1] + counted.astype(jnp.float32)
+
+    nothing = jnp.zeros(at_once)
+    total, counted = lax.fori_loop(0, -(-count // at_once), body, (nothing, nothing))
+    return total.sum(), counted.sum()
+
+
+def sum_over_tiles(
+    tiles: Tiles, cost: Callable[[Int[Array, "n"], Int[Array, "n"]], Float[Array, "n"]], step: int = 1
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Sum and number of the costs that are not negative over every `step`-th row and column of the covered tiles.
+
+    `cost(rows, columns)` leaves a pixel out by a negative cost. A tile holds pixels that are not covered, and reaches
+    up to seven pixels beyond the picture.
+    """
+    side = WINDOW // step
+    lanes = side * side
+
+    def in_tiles(slots: Array) -> Array:
+        tile, lane = slots // lanes, slots % lanes
+        rows = look_up(tiles.rows, tile) + lane // side * step
+        columns = look_up(tiles.columns, tile) + lane % side * step
+        return cost(*lax.optimization_barrier((rows, columns)))
+
+    return sum_in_turns(tiles.count * lanes, tiles.rows.size * lanes, in_tiles)

@@ -1,0 +1,81 @@
+"""Where the search may be left out, and where it must be run again: group by group, from what a frame's start shows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxmocap.character import Character
+
+
+@dataclass(frozen=True)
+class Calm:
+    """A group is not searched where it moves slowly and its pixels are explained as well as in the frame before.
+
+    `speed` (metres per second) bounds the 90th percentile of the group's vertices between the last frame and the flow
+    start; `slack` how much the mean cost of Eq. 6 over its pixels may have grown; after `longest` frames in a row a
+    group is searched all the same. The paper searches everything and names this as future work.
+    """
+
+    speed: float = 0.5
+    slack: float = 0.02
+    longest: int = 3
+
+
+@dataclass(frozen=True)
+class Retry:
+    """A limb is searched again further afield when more than `uncovered` of the person's pixels look foreign and are
+    covered by nothing, or when the mean cost of Eq. 6 over its outer half is above `foreign`. `wide` is the share of
+    first particles that look afield; the answer is taken when it lowers the energy by `margin`. The paper does not."""
+
+    uncovered: float = 0.015
+    foreign: float = 0.48
+    wide: float = 0.5
+    margin: float = 0.002
+
+
+def group_bodies(character: Character, dofs: tuple[int, ...], outer: bool = False) -> Bool[np.ndarray, "body"]:
+    """The bodies a group moves; with `outer` those beyond its elbow or knee."""
+    skeleton = character.skeleton
+    if min(dofs) < 6:
+        return np.ones(len(skeleton.body_names), bool)
+    hinges = [d for d in dofs if outer and any(part in skeleton.dof_names[d] for part in ("elbow", "knee"))]
+    return skeleton.moved_by()[np.array(hinges or dofs) - 6].any(0)
+
+
+def mean_costs(
+    groups: list[Bool[np.ndarray, "body"]],
+    face_bodies: Int[np.ndarray, "face"],
+    ids: Int[np.ndarray, "camera height width"],
+    costs: Float[np.ndarray, "camera height width"],
+) -> Float[np.ndarray, "group"]:
+    """Mean cost over the pixels of each group of bodies, all views together; NaN where none is seen."""
+    covered = ids >= 0
+    body = face_bodies[ids[covered]]
+    bodies = len(groups[0])
+    count = np.bincount(body, minlength=bodies)
+    total = np.bincount(body, weights=costs[covered], minlength=bodies)
+    seen = np.array([count[group].sum() for group in groups])
+    return np.array([total[group].sum() for group in groups]) / np.where(seen > 0, seen, np.nan)
+
+
+class Restraint:
+    """Remembers how well each group was explained and how often it was left out (host)."""
+
+    def __init__(self, settings: Calm, groups: int):
+        self.settings = settings
+        self.known: Float[np.ndarray, group] = np.full(groups, -np.inf)
+        self.skipped = np.zeros(groups, int)
+
+    def search(
+        self, speeds: Float[np.ndarray, "group"], costs: Float[np.ndarray, "group"]
+    ) -> Bool[np.ndarray, "group"]:
+        """Which groups to search; `costs` are those of the start."""
+        calm = (speeds < self.settings.speed) & (costs <= self.known + self.settings.slack)
+        needed = ~calm | (self.skipped >= self.settings.longest)
+        self.skipped = np.where(needed, 0, self.skipped + 1)
+        return needed
+
+    def learn(self, costs: Float[np.ndarray, "group"]) -> None:
+        """Costs of the frame's answer."""
+        self.known = np.where(np.isnan(costs), -np.inf, costs)

@@ -1,0 +1,54 @@
+"""Which groups are searched, from made-up speeds and costs."""
+
+import numpy as np
+import pytest
+
+from jaxmocap.track import Calm
+from jaxmocap.track._confidence import dominant_bodies
+from jaxmocap.track._economy import Restraint, group_bodies, mean_costs
+
+SLOW, FAST = 0.1, 2.0
+
+
+def test_a_calm_group_is_left_out_for_a_while_and_then_searched():
+    restraint = Restraint(Calm(longest=3), 2)
+    restraint.learn(np.array([0.2, 0.2]))
+    found = [restraint.search(np.array([SLOW, FAST]), np.array([0.2, 0.2])).tolist() for _ in range(5)]
+    assert found == [[False, True]] * 3 + [[True, True]] + [[False, True]]
+
+
+@pytest.mark.parametrize("costs", [[0.25], [np.nan]])
+def test_a_group_that_is_worse_explained_or_unseen_is_searched(costs):
+    restraint = Restraint(Calm(slack=0.02), 1)
+    restraint.learn(np.array([0.2]))
+    assert restraint.search(np.array([SLOW]), np.array(costs)).all()
+    assert not restraint.search(np.array([SLOW]), np.array([0.21])).any()
+
+
+def test_nothing_is_left_out_before_the_first_answer():
+    restraint = Restraint(Calm(), 3)
+    assert restraint.search(np.full(3, SLOW), np.zeros(3)).all()
+    restraint.learn(np.array([0.2, np.nan, 0.2]))
+    assert restraint.search(np.full(3, SLOW), np.full(3, 0.2)).tolist() == [False, True, False]
+
+
+def test_the_outer_half_of_a_limb_is_beyond_its_hinge(world):
+    skeleton = world.character.skeleton
+    arm = skeleton.group("l_arm")
+    whole, outer = (group_bodies(world.character, arm, outer) for outer in (False, True))
+    names = np.array(skeleton.body_names)
+    assert set(names[outer]) < set(names[whole])
+    assert all(name.startswith("l_") for name in names[whole])
+    assert group_bodies(world.character, skeleton.group("root")).all()
+
+
+def test_costs_are_means_over_the_pixels_of_the_bodies(world):
+    bodies = dominant_bodies(world.character)
+    groups = [group_bodies(world.character, world.character.skeleton.group(name)) for name in ("l_arm", "r_leg")]
+    faces = [np.flatnonzero(group[bodies]) for group in groups]
+    ids = np.full((2, 10, 10), -1)
+    ids[0, :5], ids[1, 0, :4] = faces[0][:10], faces[0][10]
+    costs = np.where(ids >= 0, np.arange(100).reshape(10, 10) / 100, 9.0)
+    found = mean_costs(groups, bodies, ids, costs)
+    assert found[0] == pytest.approx(costs[ids >= 0].mean())
+    assert np.isnan(found[1])
