@@ -26,11 +26,13 @@ class Calm:
 class Retry:
     """A limb is searched again further afield when more than `uncovered` of the person's pixels look foreign and are
     covered by nothing, or when the mean cost of Eq. 6 over its outer half is above `foreign`. `wide` is the share of
-    first particles that look afield; the answer is taken when it lowers the energy by `margin`. The paper does not."""
+    first particles that look afield. Of `tries` answers the best is taken when it lowers the energy by `margin`. The
+    paper does not."""
 
     uncovered: float = 0.015
     foreign: float = 0.48
     wide: float = 0.5
+    tries: int = 3
     margin: float = 0.002
 
 

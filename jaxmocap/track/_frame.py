@@ -104,7 +104,7 @@ class FrameTracker:
         shares = {stage.faces for stage in tracker.search.stages} - {1.0} if tracker.search is not None else set()
         meshes = {share: simplified_mesh(self.character, observations.surface, share) for share in sorted(shares)}
         self.groups = group_searches(self.character, meshes)
-        self.far_groups = [group for group in group_searches(self.character, meshes) if is_limb(group)]
+        self.far_groups = [g for g in group_searches(self.character, meshes, everywhere=True) if is_limb(g)]
         self.spread = initial_spread(self.character)
         self.rectangle: Rectangle | None = None
         self.last: tuple[FrameImages, Pose] | None = None
@@ -266,9 +266,11 @@ class FrameTracker:
             foreign[:] = True
         for number in np.flatnonzero(foreign):
             key = jax.random.fold_in(jax.random.fold_in(self.key, frame), 100 + int(number))
-            found, _ = self._search_group(self.far_groups[number], plan, pose, problem, retry.wide, key)
-            (before, after), _ = self.score(problem, pose, [pose, found])
-            pose = found if after < before - retry.margin else pose
+            group, keys = self.far_groups[number], jax.random.split(key, retry.tries)
+            found = [self._search_group(group, plan, pose, problem, retry.wide, key)[0] for key in keys]
+            totals, _ = self.score(problem, pose, [pose, *found])
+            best = int(np.argmin(totals[1:]))
+            pose = found[best] if totals[1 + best] < totals[0] - retry.margin else pose
         return pose
 
     def _search_group(

@@ -241,10 +241,15 @@ class GroupSearch:
     part: BodyPart
     simple: dict[float, tuple[Mesh, BodyPart]] = field(default_factory=dict)
     sizes: Sizes = field(default_factory=lambda: Sizes(256))
+    everywhere: bool = False
 
     def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
-        """Corners of the region in the rectangle; its size grows in steps and never beyond the rectangle."""
+        """Corners of the region in the rectangle; its size grows in steps and never beyond the rectangle. With
+        `everywhere` it is the rectangle: a limb that is looked for far away would make it grow, and compile, often."""
         height, width = problem.size
+        if self.everywhere:
+            self.sizes.region = problem.size
+            return np.zeros((len(boxes), 2), np.int32)
         boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
         extent = (boxes[:, 2:] - boxes[:, :2]).max(0) + 16
         size = []
@@ -346,9 +351,11 @@ def alike_parts(character: Character) -> dict[str, BodyPart]:
     return parts
 
 
-def group_searches(character: Character, meshes: Mapping[float, Mesh] | None = None) -> list[GroupSearch]:
+def group_searches(
+    character: Character, meshes: Mapping[float, Mesh] | None = None, everywhere: bool = False
+) -> list[GroupSearch]:
     """One search per group of the skeleton. `meshes` holds a simplified mesh for every share of the faces that a stage
-    names, except 1."""
+    names, except 1. `everywhere` searches the whole rectangle."""
     parts = alike_parts(character)
     simple = {share: (mesh, alike_parts(mesh.character)) for share, mesh in (meshes or {}).items()}
     shared: dict[str, Sizes] = {}
@@ -356,7 +363,7 @@ def group_searches(character: Character, meshes: Mapping[float, Mesh] | None = N
     for name, dofs in character.skeleton.groups:
         sizes = shared.setdefault(name.split("_")[-1], Sizes(_power(1.3 * character.faces.shape[0])))
         coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
-        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes))
+        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, everywhere))
     return searches
 
 
