@@ -10,15 +10,15 @@ from jaxmocap.character import Character
 
 @dataclass(frozen=True)
 class Calm:
-    """A group is not searched where it moves slowly and its pixels are explained as well as in the frame before.
+    """A group is not searched where its flow start explains its pixels as well as the frame before and does not jump.
 
     `speed` (metres per second) bounds the 90th percentile of the group's vertices between the last frame and the flow
     start; `slack` how much the mean cost of Eq. 6 over its pixels may have grown; after `longest` frames in a row a
     group is searched all the same. The paper searches everything and names this as future work.
     """
 
-    speed: float = 0.5
-    slack: float = 0.02
+    speed: float = 3.0
+    slack: float = 0.01
     longest: int = 3
 
 
