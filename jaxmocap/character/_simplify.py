@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import trimesh
 from jaxtyping import Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from ._character import Character
 
@@ -23,11 +23,11 @@ def simplify(character: Character, num_faces: int) -> tuple[Character, Int[np.nd
         return character, np.arange(len(faces))
     mesh = trimesh.Trimesh(vertices, faces, process=False).simplify_quadric_decimation(face_count=num_faces)
     points, triangles = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32)
-    distance, index = cKDTree(vertices).query(points, k=_NEIGHBOURS)
+    distance, index = KDTree(vertices).query(points, k=_NEIGHBOURS)
     share = 1.0 / np.maximum(distance, 1e-6)
     share /= share.sum(1, keepdims=True)
     weights = np.einsum("vk,vkb->vb", share, np.asarray(character.weights)[index]).astype(np.float32)
-    _, nearest = cKDTree(points[triangles].mean(1)).query(vertices[faces].mean(1))
+    _, nearest = KDTree(points[triangles].mean(1)).query(vertices[faces].mean(1))
     simple = Character(
         character.name, character.skeleton, jnp.asarray(points), jnp.asarray(triangles), jnp.asarray(weights)
     )

@@ -222,7 +222,8 @@ class ViewView(eqx.Module):
         between = jax.vmap(lambda pair: carry(problem.projection[pair[0]], problem.projection[pair[1]]))(pairs)
         far = None
         if region.size != problem.size:
-            far = lax.map(lambda pair: self._far(*pair, base, region, packed, problem, layout), (pairs, between))
+            ways = (pairs, between)
+            far = lax.map(lambda way: self._far(way[0], way[1], base, region, packed, problem, layout), ways)
         return _Prepared(pairs, between, packed, crop(base).reshape(problem.num_cameras, -1), own, far)
 
     def needed(self, prepared: _Prepared) -> Array:

@@ -36,11 +36,11 @@ def covered_tiles(buffer: Int[Array, "padded_height padded_width"], layout: KeyL
     ends = running_sum(covered.astype(jnp.int32))
     slots = jnp.where(covered, ends - 1, highest.size)
     row, column = (WINDOW * np.indices((down, across), np.int32)).reshape(2, -1)
-    places = [
+    rows, columns = (
         jnp.zeros(highest.size, jnp.int32).at[slots].set(value, mode="drop", unique_indices=True)
         for value in (row, column)
-    ]
-    return Tiles(*places, ends[-1])
+    )
+    return Tiles(rows, columns, ends[-1])
 
 
 def sum_in_turns(

@@ -42,7 +42,7 @@ def group_bodies(character: Character, dofs: tuple[int, ...], outer: bool = Fals
     if min(dofs) < 6:
         return np.ones(len(skeleton.body_names), bool)
     hinges = [d for d in dofs if outer and any(part in skeleton.dof_names[d] for part in ("elbow", "knee"))]
-    return skeleton.moved_by()[np.array(hinges or dofs) - 6].any(0)
+    return np.asarray(skeleton.moved_by()[np.array(hinges or dofs) - 6].any(0))
 
 
 def mean_costs(
@@ -66,7 +66,7 @@ class Restraint:
 
     def __init__(self, settings: Calm, groups: int):
         self.settings = settings
-        self.known: Float[np.ndarray, group] = np.full(groups, -np.inf)
+        self.known = np.full(groups, -np.inf)
         self.skipped = np.zeros(groups, int)
 
     def search(
