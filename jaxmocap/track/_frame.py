@@ -212,14 +212,21 @@ class FrameTracker:
         root = self.groups[0]
         sizes, level = root.sizes.capacity, (1, 1.0)
         sizes.setdefault(level, 2 ** (self.character.faces.shape[0] - 1).bit_length())
-        increments = jnp.stack([difference(self.character.skeleton, base, pose) for pose in poses])
+        moved = [np.asarray(difference(self.character.skeleton, base, pose)) for pose in poses]
+        increments = np.stack(moved + moved[-1:] * (-len(poses) % 4))  # few and many compile once
         while True:
             scores = _score(
-                self.tracker.search_energy, self.character, root.part, base, problem, increments, sizes[level]
+                self.tracker.search_energy,
+                self.character,
+                root.part,
+                base,
+                problem,
+                jnp.asarray(increments),
+                sizes[level],
             )
             needed = int(scores.needed)
             if needed <= sizes[level]:
-                return np.asarray(scores.total), np.asarray(scores.terms)
+                return np.asarray(scores.total)[: len(poses)], np.asarray(scores.terms)[: len(poses)]
             sizes[level] = 2 ** (needed - 1).bit_length()
 
     def search(self, pose: Pose, problem: FrameProblem, frame: int, clock: Clock) -> tuple[Pose, np.ndarray]:
