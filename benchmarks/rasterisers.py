@@ -199,14 +199,15 @@ def c_scores(library: ctypes.CDLL, case: Case, base: Base) -> tuple[Callable[[bo
     out, pairs, seen = np.zeros(len(bones)), np.zeros(len(bones)), np.zeros((2, *region.size), np.int32)
     shared, border = base.prepared[1], region.size[1] + 2 * WINDOW
     near = plain(problem.surface.near_faces, np.uint32)
-    between = np.stack([np.concatenate([way.turn, way.shift[:, None]], 1) for way in shared.between])
+    between = np.concatenate([shared.between.turn, shared.between.shift[..., None]], -1)
     whole = (
         plain(shared.packed, np.int32), plain(ids, np.int32), plain(problem.origins, np.int32),
         plain(region.corners, np.int32), near, plain(between),
     )  # fmt: skip
     rectangle = _Rectangle(*problem.size, near.shape[1], *(array.ctypes.data for array in whole))
     far, kept = (_Far * 2)(), []
-    for pair, slots in enumerate(shared.far):
+    for pair in range(2 if shared.far is not None else 0):
+        slots = jax.tree.map(lambda a, pair=pair: np.asarray(a)[pair], shared.far)
         count = min(int(slots.needed), len(slots.face))
         row, column = np.divmod(np.asarray(slots.target[:count]), border)
         target = plain((row - WINDOW) * region.size[1] + column - WINDOW, np.int32)
