@@ -110,6 +110,8 @@ class FrameTracker:
         self.last: tuple[FrameImages, Pose] | None = None
         self.increments: list[np.ndarray] = []
         self.face_bodies = dominant_bodies(self.character)
+        faces = np.asarray(self.character.faces)
+        self.group_vertices = [np.unique(faces[np.asarray(group.part.moves)]) for group in self.groups]
         self.bodies = [group_bodies(self.character, group.dofs) for group in self.groups]
         self.outer_bodies = [group_bodies(self.character, group.dofs, outer=True) for group in self.far_groups]
         calm = tracker.search.calm if tracker.search is not None else None
@@ -235,7 +237,7 @@ class FrameTracker:
         deviation = np.zeros(39)
         if plan is None:
             return pose, deviation
-        wanted = self._wanted(pose, problem, frame, clock)
+        wanted = self._wanted(pose, problem, clock)
         for number, group in enumerate(self.groups):
             if not wanted[number]:
                 continue
@@ -248,21 +250,17 @@ class FrameTracker:
                 pose = self._search_again(plan, plan.retry, pose, problem, frame)
         return pose, deviation
 
-    def _wanted(self, pose: Pose, problem: FrameProblem, frame: int, clock: Clock) -> Bool[np.ndarray, "group"]:
+    def _wanted(self, pose: Pose, problem: FrameProblem, clock: Clock) -> Bool[np.ndarray, "group"]:
         """The groups to search from this start."""
         if self.restraint is None or self.last is None:
             return np.ones(len(self.groups), bool)
         with clock.stage("calm"):
             before, after = skin(self.character, self.last[1]), skin(self.character, pose)
             moved = np.linalg.norm(np.asarray(after - before), axis=1) * self.observations.capture.fps
-            faces = np.asarray(self.character.faces)
-            parts = [np.unique(faces[np.asarray(group.part.moves)]) for group in self.groups]
-            speeds = np.array([np.percentile(moved[part], 90) for part in parts])
-            return self.restraint.search(speeds, self._mean_costs(self.bodies, pose, problem))
-
-    def _mean_costs(self, groups, pose: Pose, problem: FrameProblem) -> Float[np.ndarray, "group"]:
-        _, ids, _ = draw(self.character, pose, problem)
-        return mean_costs(groups, self.face_bodies, np.asarray(ids), np.asarray(covered_costs(ids, problem)))
+            speeds = np.array([np.percentile(moved[vertices], 90) for vertices in self.group_vertices])
+            _, ids, _ = draw(self.character, pose, problem)
+            costs = np.asarray(covered_costs(ids, problem))
+            return self.restraint.search(speeds, mean_costs(self.bodies, self.face_bodies, np.asarray(ids), costs))
 
     def _search_again(self, plan: SearchPlan, retry: Retry, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
         """Limbs that seem lost, further afield; the answer counts where it pays."""
