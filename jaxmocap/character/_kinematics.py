@@ -29,8 +29,8 @@ class Chain(NamedTuple):
 def chain(skeleton: Skeleton, pose: Pose) -> Chain:
     """The product of exponentials of Eq. 2, `T_i = T_root exp(theta_1 xi_1) exp(theta_2 xi_2) ...`, joint by joint.
 
-    Revolute twists are exponentiated in Rodrigues' form `[R, (I - R) q]`, exact at zero. The loop keeps programs small:
-    unrolled, the chain was most of what there is to compile.
+    Revolute twists are exponentiated in Rodrigues' form `[R, (I - R) q]`, exact at zero. A loop, so that the many
+    programs that pose a body stay small.
     """
     w = hat(skeleton.axes)
     sine, cosine = jnp.sin(pose.angles)[:, None, None], jnp.cos(pose.angles)[:, None, None]

@@ -41,7 +41,7 @@ class ModelView(eqx.Module):
     surface's colours, which pays where it is a clean plate. `outside` is the cost of a mesh pixel that leaves the
     rectangle: 1 keeps a pose from hiding there, 0 is the printed equation. With `shading` "palette" psi_f is looked up
     in a table of palette colours (`palette_error` says what that costs), with "exact" every covered pixel is compared
-    with the Gaussians of its face, at ten times the time or more.
+    with the Gaussians of its face, which is much slower.
     """
 
     weight: Float[Array, ""] = knob(1.0)
