@@ -1,5 +1,6 @@
 """The actor: skeleton, pose and skinning (Eqs 1, 2 and 4), and its loading from skinned files."""
 
+from ._ball_joints import beside as beside, roomier as roomier
 from ._build import build_skeleton as build_skeleton
 from ._character import Character as Character
 from ._dof_table import BODIES as BODIES

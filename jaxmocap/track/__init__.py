@@ -1,7 +1,7 @@
 """Tracking: registration at the selected frames, then search and refinement frame by frame."""
 
 from ._confidence import Verdict as Verdict, VerdictSettings as VerdictSettings, judge as judge
-from ._economy import Calm as Calm, Retry as Retry
+from ._economy import Calm as Calm, Hindsight as Hindsight, Retry as Retry
 from ._frame import FrameResult as FrameResult, FrameTracker as FrameTracker
 from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, keypoint_rays as keypoint_rays
 from ._polish import PolishPlan as PolishPlan, polish as polish

@@ -1,4 +1,4 @@
-"""Where the search may be left out, and where it must be run again: group by group, from what a frame's start shows."""
+"""Where the search may be left out, and where it must be run again, group by group."""
 
 from dataclasses import dataclass
 
@@ -33,6 +33,18 @@ class Retry:
     foreign: float = 0.48
     wide: float = 0.5
     tries: int = 3
+    margin: float = 0.002
+
+
+@dataclass(frozen=True)
+class Hindsight:
+    """A limb whose outer half looks foreign (mean cost of Eq. 6 above `foreign`), and less so by `better` in a later
+    frame, is searched again from there, backwards through at most `longest` frames; the answer counts where it lowers
+    the energy by `margin`. The paper only looks forwards."""
+
+    foreign: float = 0.45
+    better: float = 0.15
+    longest: int = 6
     margin: float = 0.002
 
 

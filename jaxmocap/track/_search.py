@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxmocap.character import Character, Pose, retract, simplify
 from jaxmocap.energies import (
@@ -29,6 +29,8 @@ REGION_STEP = 64
 _LEAST_FACES = 500
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
+_OUTER = ("shoulder_axial", "elbow", "forearm", "hip_int", "knee", "ankle")
+"""DOFs that move a forearm or a shin and leave the upper arm or the thigh where it is."""
 POOL = 20
 """As many particles are drawn for each one that starts further afield; the best ones are taken."""
 
@@ -145,16 +147,20 @@ def wide_population(
     spread: Float[Array, "group_dof"],
     lower: Float[Array, "group_dof"],
     upper: Float[Array, "group_dof"],
+    outer: Bool[Array, "group_dof"],
 ) -> Float[Array, "extra group_dof"] | None:
-    """First particles for a limb that moves faster than expected, or that was lost: Gaussian with three times the
-    spread, and every other one drawn evenly from the whole box (not farther than twelve times the spread)."""
+    """First particles for a limb that moves faster than expected, or that was lost. In turn: Gaussian with three times
+    the spread; drawn evenly from the whole box (not farther than twelve times the spread); and drawn evenly for the
+    `outer` DOFs but Gaussian for the others, for a forearm or shin that left its place alone."""
     if count == 0:
         return None
     near_key, far_key = jax.random.split(key)
-    near = 3.0 * spread * jax.random.normal(near_key, (count, spread.shape[0]))
+    normal = spread * jax.random.normal(near_key, (count, spread.shape[0]))
     low, high = jnp.maximum(lower, -12 * spread), jnp.minimum(upper, 12 * spread)
-    far = jax.random.uniform(far_key, near.shape, minval=low, maxval=high)
-    return jnp.clip(jnp.where(jnp.arange(count)[:, None] % 2 == 0, near, far), lower, upper)
+    far = jax.random.uniform(far_key, normal.shape, minval=low, maxval=high)
+    turn = jnp.arange(count)[:, None] % 3
+    values = jnp.select([turn == 0, turn == 1], [3.0 * normal, far], jnp.where(outer, far, normal))
+    return jnp.clip(values, lower, upper)
 
 
 @eqx.filter_jit
@@ -174,6 +180,7 @@ def _search(
     spread,
     lower,
     upper,
+    outer,
     key,
 ):
     energies, needed_base, needed_far, views = [], [], [], []
@@ -192,7 +199,7 @@ def _search(
     start = jnp.zeros(dofs.shape[0])
     box = (spread[dofs], lower[dofs], upper[dofs])
     count = int(wide * sampler.num_particles)
-    far = wide_population(jax.random.fold_in(key, 1), POOL * count, *box)
+    far = wide_population(jax.random.fold_in(key, 1), POOL * count, *box, outer)
     if far is not None:
         scores = energies[0][0](far)
         far = far[jax.lax.top_k(-jnp.where(jnp.isfinite(scores), scores, jnp.inf), count)[1]]
@@ -241,6 +248,7 @@ class GroupSearch:
     part: BodyPart
     simple: dict[float, tuple[Mesh, BodyPart]] = field(default_factory=dict)
     sizes: Sizes = field(default_factory=lambda: Sizes(256))
+    outer: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
     everywhere: bool = False
 
     def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
@@ -315,6 +323,7 @@ class GroupSearch:
                 jnp.asarray(spread, jnp.float32),
                 lower,
                 upper,
+                self.outer,
                 key,
             )
             result = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)), result)
@@ -363,7 +372,8 @@ def group_searches(
     for name, dofs in character.skeleton.groups:
         sizes = shared.setdefault(name.split("_")[-1], Sizes(_power(1.3 * character.faces.shape[0])))
         coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
-        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, everywhere))
+        outer = jnp.array([any(part in character.skeleton.dof_names[dof] for part in _OUTER) for dof in dofs])
+        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, outer, everywhere))
     return searches
 
 

@@ -84,6 +84,8 @@ def track_frames(
             result = worker.first(shown, observations.key_poses[start]) if is_start else worker.track(shown)
             if shown.frame not in results:
                 results[shown.frame] = result
+                for revised in worker.look_back():
+                    results[revised.frame] = revised
                 if progress is not None:
                     progress(Progress(len(results), total, result))
 

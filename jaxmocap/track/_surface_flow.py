@@ -16,9 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
-from jaxmocap.character import Character
+from jaxmocap.camera import Cameras
+from jaxmocap.character import Character, Pose, skin
 from jaxmocap.energies import SurfaceLines, are_near, barycentric_at, rays, surface_lines
 from jaxmocap.observation import FrameProblem, dense_flow, flow_agrees, sample_picture
+from jaxmocap.render import face_ids
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,24 @@ class Source:
     ids: Int[Array, "source_height source_width"]
     origin: tuple[int, int] = (0, 0)
     same_time: bool = False
+
+
+def picture_source(
+    character: Character,
+    cameras: Cameras,
+    image: UInt8[np.ndarray, "height width 3"],
+    frame: int,
+    camera: int,
+    pose: Pose,
+) -> Source:
+    """One camera's picture of a frame whose pose is known."""
+    view = cameras.at(frame)
+    vertices = skin(character, pose)
+    width, height = cameras.sizes[camera]
+    intrinsics, cam_from_world = view.intrinsics[camera], view.cam_from_world[camera]
+    corner = jnp.zeros((1, 2), jnp.int32)
+    ids, _ = face_ids(vertices, character.faces, intrinsics[None], cam_from_world[None], corner, height, width)
+    return Source(image, intrinsics, cam_from_world, vertices, ids[0])
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from jaxmocap.refiners import AbstractRefiner, LeastSquares
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
 
 from ._confidence import VerdictSettings
-from ._economy import Calm, Retry
+from ._economy import Calm, Hindsight, Retry
+from ._past import AngleChoice
 from ._polish import PolishPlan
 from ._surface_flow import FlowSettings
 
@@ -36,7 +37,8 @@ class SearchPlan:
     group (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `wide` is the share
     of a limb's first particles that look further afield (0 is the paper); `trunk` scales particles and spread of root
     and torso, which are large and move less than limbs; `calm` says when a group need not be searched, `retry` when a
-    limb is searched again (None: never, the paper); `answer` "mean" is the paper's."""
+    limb is searched again (None: never, the paper), `hindsight` when in an earlier frame; `answer` "mean" is the
+    paper's."""
 
     stages: tuple[Effort, ...] = (Effort(),)
     particles: int | None = None
@@ -45,6 +47,7 @@ class SearchPlan:
     trunk: float = 1.0
     calm: Calm | None = None
     retry: Retry | None = None
+    hindsight: Hindsight | None = None
     answer: Literal["mean", "best_if_better"] = "best_if_better"
 
     def sampler(
@@ -99,7 +102,9 @@ class Tracker:
 
     `search_energy` is Eq. 5. `search` None skips the sample-based search, `refine` None the refinement (the ablations
     of Figs. 12 and 14). `polish` follows the search downhill on its own energy before the refinement; not in the paper.
-    `flow_start` starts each frame from optical flow (sec. 4.1, Initialization).
+    `flow_start` starts each frame from optical flow (sec. 4.1, Initialization). `angles` "roomier" begins each frame
+    with those of the two sets of angles of a shoulder or hip that are farther from the joint limits (the same
+    rotation, see `character.roomier`); "same" is the paper.
     """
 
     search_energy: SearchEnergy = field(default_factory=search_energy)
@@ -107,6 +112,7 @@ class Tracker:
     refine: RefinePlan | None = field(default_factory=RefinePlan)
     polish: PolishPlan | None = None
     flow_start: bool = True
+    angles: AngleChoice = "same"
     flow: FlowSettings = field(default_factory=FlowSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
 
@@ -129,10 +135,12 @@ class Tracker:
         )
         efforts = (Effort(4, 10, 0.25), Effort(2, 6, 0.5))
         if quality == "normal":
-            return Tracker(fast, SearchPlan(efforts, particles=96, trunk=0.6, calm=Calm(), retry=Retry()), plan)
+            economy = {"calm": Calm(), "retry": Retry(), "hindsight": Hindsight()}
+            search = SearchPlan(efforts, particles=96, trunk=0.6, **economy)
+            return Tracker(fast, search, plan, angles="roomier")
         if quality == "draft":
             coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6)
-            return Tracker(fast, coarse, replace(plan, rounds=2))
+            return Tracker(fast, coarse, replace(plan, rounds=2), angles="roomier")
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
 
 

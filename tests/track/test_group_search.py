@@ -11,8 +11,8 @@ from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.samplers import InteractingSimulatedAnnealing
 from jaxmocap.track import Stage, group_searches
-from jaxmocap.track._frame import unexplained
 from jaxmocap.track._register import draw
+from jaxmocap.track._score import unexplained
 from jaxmocap.track._search import initial_spread, simplified_mesh
 
 FRAME = 2

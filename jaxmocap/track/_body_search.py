@@ -1,0 +1,115 @@
+"""The search of a whole body: root, torso, then each limb; where it may be left out and where it is run again."""
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, PRNGKeyArray
+
+from jaxmocap.character import Pose, retract, skin
+from jaxmocap.energies import SearchEnergy
+from jaxmocap.observation import FrameProblem, Observations
+
+from ._clock import Clock
+from ._confidence import dominant_bodies
+from ._economy import Restraint, Retry, group_bodies, mean_costs
+from ._past import Past
+from ._score import PoseScore, Seen, look_at, unexplained
+from ._search import GroupSearch, Stage, group_searches, initial_spread, is_limb, simplified_mesh
+from ._tracker import SearchPlan, sigma_floor
+
+
+class BodySearch:
+    """Sec. 4.1: every group starts from what the earlier ones found (host)."""
+
+    def __init__(
+        self, observations: Observations, energy: SearchEnergy, plan: SearchPlan, score: PoseScore, key: PRNGKeyArray
+    ):
+        self.character = observations.character
+        self.fps = observations.capture.fps
+        self.energy = energy
+        self.score = score
+        self.plan = plan
+        self.key = key
+        shares = sorted({stage.faces for stage in plan.stages} - {1.0})
+        meshes = {share: simplified_mesh(self.character, observations.surface, share) for share in shares}
+        self.groups = group_searches(self.character, meshes)
+        self.limbs = [number for number, group in enumerate(self.groups) if is_limb(group)]
+        self.far_groups = [g for g in group_searches(self.character, meshes, everywhere=True) if is_limb(g)]
+        self.spread = initial_spread(self.character)
+        self.face_bodies = dominant_bodies(self.character)
+        faces = np.asarray(self.character.faces)
+        self.vertices = [np.unique(faces[np.asarray(group.part.moves)]) for group in self.groups]
+        self.bodies = [group_bodies(self.character, group.dofs) for group in self.groups]
+        self.outer_bodies = [group_bodies(self.character, self.groups[n].dofs, outer=True) for n in self.limbs]
+        self.restraint = Restraint(plan.calm, len(self.groups)) if plan.calm is not None else None
+
+    def __call__(
+        self, pose: Pose, problem: FrameProblem, frame: int, past: Past | None, clock: Clock
+    ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
+        """The pose found from this start, and the deviation of the last particles."""
+        deviation = np.zeros(39)
+        wanted = self._wanted(pose, problem, past, clock)
+        for number in np.flatnonzero(wanted):
+            with clock.stage(f"search {self.groups[number].name}"):
+                pose, found = self.group(int(number), pose, problem, past, self.key_of(frame, int(number)))
+                deviation += found
+        if self.plan.retry is not None:
+            with clock.stage("search again"):
+                pose = self._again(self.plan.retry, pose, problem, frame)
+        return pose, deviation
+
+    def key_of(self, frame: int, number: int) -> PRNGKeyArray:
+        """The key of one of a frame's searches."""
+        return jax.random.fold_in(jax.random.fold_in(self.key, frame), number)
+
+    def group(
+        self, number: int, pose: Pose, problem: FrameProblem, past: Past | None, key: PRNGKeyArray
+    ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
+        """Search one group."""
+        pace = past.pace(self.fps) if past is not None and self.plan.wide == 0 else 1.0
+        return self._run(self.groups[number], pose, problem, self.plan.wide, pace, key)
+
+    def outer_costs(self, seen: Seen) -> Float[np.ndarray, "limb"]:
+        """Mean cost of Eq. 6 over each limb's outer half; NaN where it is not seen."""
+        return mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs)
+
+    def learn(self, seen: Seen) -> None:
+        """Remember how well a frame's answer explains each group."""
+        if self.restraint is not None:
+            self.restraint.learn(mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
+
+    def _wanted(self, pose: Pose, problem: FrameProblem, past: Past | None, clock: Clock) -> Bool[np.ndarray, "group"]:
+        """The groups to search from this start."""
+        if self.restraint is None or past is None:
+            return np.ones(len(self.groups), bool)
+        with clock.stage("calm"):
+            moved = np.asarray(skin(self.character, pose) - skin(self.character, past.pose))
+            distance = np.linalg.norm(moved, axis=1) * self.fps
+            speeds = np.array([np.percentile(distance[vertices], 90) for vertices in self.vertices])
+            seen = look_at(self.character, pose, problem)
+            return self.restraint.search(speeds, mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
+
+    def _again(self, retry: Retry, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
+        """Limbs that seem lost, further afield; the answer counts where it pays."""
+        seen = look_at(self.character, pose, problem)
+        foreign = self.outer_costs(seen) > retry.foreign
+        if unexplained(seen.ids, problem) > retry.uncovered:
+            foreign[:] = True
+        for number in np.flatnonzero(foreign):
+            keys = jax.random.split(self.key_of(frame, 100 + int(number)), retry.tries)
+            group = self.far_groups[number]
+            found = [self._run(group, pose, problem, retry.wide, 1.0, key)[0] for key in keys]
+            totals, _ = self.score(problem, [pose, *found])
+            best = int(np.argmin(totals[1:]))
+            pose = found[best] if totals[1 + best] < totals[0] - retry.margin else pose
+        return pose
+
+    def _run(
+        self, group: GroupSearch, pose: Pose, problem: FrameProblem, wide: float, pace: float, key: PRNGKeyArray
+    ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
+        plan, limb = self.plan, is_limb(group)
+        stages = tuple(Stage(self.energy, *effort) for effort in plan.stages)
+        share = 1.0 if limb else plan.trunk
+        sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), share)
+        spread = self.spread * plan.spread * pace * share
+        found = group(stages, sampler, self.character, pose, problem, spread, key, wide if limb else 0.0)
+        return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)

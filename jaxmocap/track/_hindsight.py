@@ -1,0 +1,96 @@
+"""Looking back: a limb that one frame shows clearly and the frames before do not is searched again there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxmocap.character import Pose, beside
+from jaxmocap.observation import FrameImages, FrameProblem, Rectangle
+
+from ._body_search import BodySearch
+from ._economy import Hindsight
+from ._past import Past, after
+from ._refine import Refinement
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A frame that has been tracked: what it began with, what it showed, its answer, and the mean cost of Eq. 6 over
+    the outer half of each limb."""
+
+    past: Past | None
+    shown: FrameImages
+    problem: FrameProblem
+    rectangle: Rectangle
+    pose: Pose
+    costs: Float[np.ndarray, "limb"]
+
+
+def doubtful_run(costs: Float[np.ndarray, "frame"], settings: Hindsight) -> int:
+    """How many frames just before the last one look foreign where the last one does not."""
+    foreign = (costs[:-1] > settings.foreign) & (costs[:-1] > costs[-1] + settings.better)
+    return int(np.cumprod(foreign[::-1]).sum())
+
+
+def with_limb(pose: Pose, limb: Pose, dofs: tuple[int, ...], share: float = 1.0) -> Pose:
+    """A pose whose angles `dofs` are moved by a share of the way to those of another one."""
+    index = jnp.array(dofs) - 6
+    here = pose.angles[index]
+    return Pose(pose.root, pose.angles.at[index].set(here + share * (limb.angles[index] - here)))
+
+
+def look_back(
+    frames: Sequence[Tracked], search: BodySearch, refinement: Refinement | None, settings: Hindsight
+) -> dict[int, Pose]:
+    """Better poses of earlier frames, by position in `frames`; the last frame is the one just tracked.
+
+    A doubtful limb is searched from where it was one frame later, or halfway from there to where it was last seen, from
+    the youngest doubtful frame to the oldest; then the frames are refined from the oldest to the youngest. A pose
+    counts when it lowers Eq. 5 by `margin`.
+    """
+    skeleton, better = search.character.skeleton, dict[int, Pose]()
+    costs = np.stack([frame.costs for frame in frames])
+    for limb, number in enumerate(search.limbs):
+        run = min(doubtful_run(costs[:, limb], settings), len(frames) - 2)
+        poses = [better.get(position, frame.pose) for position, frame in enumerate(frames)]
+        found = _backwards(frames, poses, run, number, search, settings)
+        for position in sorted(found):
+            frame, answer = frames[position], found[position]
+            if refinement is not None:
+                past = frame.past
+                if past is not None:
+                    if position - 1 in better:
+                        past = after(skeleton, frames[position - 1].past, past.shown, better[position - 1], "same")
+                    past = past._replace(pose=beside(skeleton, past.pose, answer))
+                answer, _ = refinement(answer, frame.shown, frame.problem, frame.rectangle, past)
+            totals, _ = search.score(frame.problem, [poses[position], answer])
+            if totals[1] < totals[0] - settings.margin:
+                better[position] = answer
+    return better
+
+
+def _backwards(
+    frames: Sequence[Tracked], poses: list[Pose], run: int, number: int, search: BodySearch, settings: Hindsight
+) -> dict[int, Pose]:
+    """Searched poses of the doubtful frames of one limb, as far back as they are better."""
+    dofs, found = search.groups[number].dofs, {}
+    last = len(frames) - 1
+    later, earlier = frames[last].pose, poses[last - run - 1]
+    for position in range(last - 1, last - 1 - run, -1):
+        frame, steps = frames[position], position - (last - run - 1) + 1
+        here = poses[position]
+        carried = with_limb(here, later, dofs)
+        before = beside(search.character.skeleton, earlier, carried)
+        starts = [carried, with_limb(carried, before, dofs, 1.0 / steps)]
+        totals, _ = search.score(frame.problem, [here, *starts])
+        start = starts[int(np.argmin(totals[1:]))]
+        key = search.key_of(frame.shown.frame, 200 + number)
+        answer, _ = search.group(number, start, frame.problem, frame.past, key)
+        scored, _ = search.score(frame.problem, [here, answer])
+        if not scored[1] < scored[0]:
+            break
+        found[position] = later = answer
+    return found

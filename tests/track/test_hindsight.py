@@ -1,0 +1,86 @@
+"""A limb lost in one frame and seen in the next is found by looking back."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from perturbed import vertex_errors
+
+from jaxmocap.character import clamp, difference, retract
+from jaxmocap.energies import search_energy
+from jaxmocap.track import Effort, FrameTracker, Hindsight, SearchPlan, Tracker
+from jaxmocap.track._clock import Clock
+from jaxmocap.track._hindsight import doubtful_run, with_limb
+
+LOST = 1
+
+
+@pytest.mark.parametrize(
+    ("costs", "run"),
+    [
+        ([0.2, 0.7, 0.6, 0.3], 2),
+        ([0.7, 0.2, 0.6, 0.3], 1),
+        ([0.7, 0.7, 0.7, 0.65], 0),
+        ([0.2, 0.4, 0.4, 0.1], 0),
+        ([0.2, np.nan, 0.7, 0.3], 1),
+        ([0.2, 0.7, np.nan], 0),
+    ],
+)
+def test_only_frames_clearly_worse_than_the_last_are_doubtful(costs, run):
+    assert doubtful_run(np.array(costs), Hindsight(foreign=0.5, better=0.1)) == run
+
+
+def test_a_limb_is_moved_part_of_the_way(world):
+    arm = world.character.skeleton.group("l_arm")
+    here, there = world.pose(0), world.pose(2)
+    index = np.array(arm) - 6
+    halfway = with_limb(here, there, arm, 0.5)
+    expected = np.array(here.angles)
+    expected[index] = 0.5 * (np.asarray(here.angles) + np.asarray(there.angles))[index]
+    np.testing.assert_allclose(halfway.angles, expected, atol=1e-6)
+    np.testing.assert_array_equal(halfway.root, here.root)
+
+
+def arm_away(world):
+    """The true pose of the frame, but for a left arm 70 degrees off at the shoulder."""
+    skeleton = world.character.skeleton
+    delta = np.zeros(39, np.float32)
+    delta[skeleton.dof_names.index("l_shoulder_abd")] = np.deg2rad(-70)
+    delta[skeleton.dof_names.index("l_shoulder_flex")] = np.deg2rad(30)
+    return clamp(skeleton, retract(skeleton, world.pose(LOST), jnp.asarray(delta)))
+
+
+def looked_back(world, poses):
+    """A tracker that has found these poses in the three frames, and what it says on looking back."""
+    energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
+    plan = SearchPlan((Effort(2, 12),), particles=64, hindsight=Hindsight())
+    tracker = FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0))
+    found = []
+    for frame, pose in enumerate(poses):
+        shown, rectangle = world.shown(frame), world.rectangle(frame)
+        found.append(
+            tracker._finish(shown, world.problem(frame), rectangle, pose, np.zeros(39), None, Clock())
+        )  # fmt: skip
+    return tracker, found, tracker.look_back()
+
+
+def test_a_lost_arm_is_found_from_the_frame_after(world):
+    poses = [world.pose(0), arm_away(world), world.pose(2)]
+    tracker, found, revised = looked_back(world, poses)
+    assert [result.frame for result in revised] == [LOST]
+    arm = next(group for group in tracker.search.groups if group.name == "l_arm")
+    vertices = np.unique(np.asarray(world.character.faces)[np.asarray(arm.part.moves)])
+    before, after = (vertex_errors(world, LOST, pose)[vertices].mean() for pose in (poses[LOST], revised[0].pose))
+    assert before > 0.1
+    assert after < 0.02
+    wrist = list(world.character.skeleton.landmark_names).index("l_wrist")
+    assert revised[0].confidence[wrist] > found[LOST].confidence[wrist] + 0.2
+    moved = difference(world.character.skeleton, revised[0].pose, poses[2])
+    np.testing.assert_allclose(tracker.past.increments[-1], moved, atol=1e-6)
+    assert tracker.look_back() == []
+
+
+def test_nothing_is_changed_where_nothing_is_doubtful(world):
+    tracker, _, revised = looked_back(world, [world.pose(frame) for frame in range(3)])
+    assert revised == []
+    np.testing.assert_array_equal(tracker.past.pose.angles, world.pose(2).angles)
