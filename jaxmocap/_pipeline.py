@@ -2,9 +2,10 @@
 
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -27,6 +28,7 @@ from jaxmocap.track import (
     read_pose_file,
     register,
     track_frames,
+    with_settings,
 )
 from jaxmocap.viewers import overlay_videos
 
@@ -88,13 +90,15 @@ def track_capture(
     frames: tuple[int, int] | None = None,
     pose_file: str | Path | None = None,
     tracker: Tracker | None = None,
+    settings: Mapping[str, Any] | None = None,
     overlays: bool = True,
     progress: Report | None = None,
 ) -> Motion:
     """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
     video per view. Nothing is left behind when it fails.
 
-    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `tracker` replaces the preset.
+    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `tracker` replaces the preset,
+    `settings` change single settings of it by name (`with_settings`).
     """
     tell = progress or (lambda stage, done, total: None)
     begin = time.perf_counter()
@@ -103,7 +107,7 @@ def track_capture(
         character = open_character(capture)
         cameras = capture.cameras
         overrides = read_pose_file(pose_file) if pose_file is not None else None
-        tracker = Tracker.preset(quality) if tracker is None else tracker
+        tracker = with_settings(Tracker.preset(quality) if tracker is None else tracker, settings or {})
         key = jax.random.key(seed)
         selected = capture.selected_frames or (0,)
         unknown = sorted(set(overrides or {}) - set(selected))
@@ -142,7 +146,7 @@ def track_capture(
             "capture_name": capture.name,
             "truth": None if capture.truth is None else str(capture.truth.resolve()),
             "quality": quality,
-            "polish": tracker.polish is not None,
+            "settings": {name: str(value) for name, value in (settings or {}).items()},
             "seed": seed,
             "versions": _versions(),
             "device": str(jax.devices()[0]),

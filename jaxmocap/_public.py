@@ -25,6 +25,7 @@ from .track import (
     read_pose_file as read_pose_file,
     register as register,
     track as track,
+    with_settings as with_settings,
 )
 from .metrics import evaluate as evaluate
 from .viewers import contact_sheet as contact_sheet, draw_overlay as draw_overlay, overlay_videos as overlay_videos

@@ -141,6 +141,19 @@ def test_results_of_others_are_never_overwritten(film, result, tmp_path, capsys)
 
 
 @pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("search.calm", "NAME=VALUE was expected"),
+        ("search.clam=off", "there is no 'clam'"),
+        ("refine.rounds=few", "a whole number was expected"),
+    ],
+)
+def test_settings_that_are_not_there_are_refused(setting, words, film, tmp_path, capsys):
+    assert words in refused(["track", film, "--out", tmp_path / "out", "--set", "search.retry=off", setting], capsys)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
     ("frames", "words"),
     [("10", "A:B"), ("a:b", "A:B"), ("-3:2", "A:B"), ("2:2", "0 <= A < B <= 4"), ("0:9", "the capture has 4 frames")],
 )

@@ -30,6 +30,26 @@ PoseFile = Annotated[
 ]
 Json = Annotated[bool, tyro.conf.arg(help="Print the answer as JSON, alone on standard output.", help_behavior_hint="")]
 Seed = Annotated[int, tyro.conf.arg(metavar="N", help="Seed of all random numbers: same seed, same result.")]
+Settings = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(
+        name="set",
+        metavar="NAME=VALUE ...",
+        help="Change single settings, such as search.calm=off refine.rounds=6: attributes of Tracker, with dots.",
+        help_behavior_hint="",
+    ),
+]
+
+
+def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
+    """`--set NAME=VALUE ...` as a dictionary."""
+    found = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (name and equals and value):
+            raise InputError(f"--set has {text!r}; NAME=VALUE was expected, such as search.calm=off.")
+        found[name] = value
+    return found
 
 
 def frame_span(text: str | None, num_frames: int) -> tuple[int, int] | None:

@@ -1,12 +1,11 @@
 """`jaxmocap track`: a capture folder in, a result folder out."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ._arguments import CapturePath, FrameSpan, Json, PoseFile, Seed, frame_span
+from ._arguments import CapturePath, FrameSpan, Json, PoseFile, Seed, Settings, frame_span, named_settings
 from ._output import progress, say, show
 
 if TYPE_CHECKING:
@@ -27,6 +26,7 @@ def track(
     polish: Annotated[
         bool, tyro.conf.arg(help_behavior_hint="", help="After each search, follow its energy downhill. Slow.")
     ] = False,
+    settings: Settings = (),
     pose: PoseFile = None,
     overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
     json: Json = False,
@@ -34,9 +34,8 @@ def track(
     """Track the person through a capture and write the result. Exits with 3 if frames were lost."""
     from jaxmocap._pipeline import track_capture
     from jaxmocap.capture import Capture
-    from jaxmocap.track import PolishPlan, Tracker
 
-    tracker = replace(Tracker.preset(quality), polish=PolishPlan()) if polish else None
+    changes = {"polish": "on"} if polish else {}
     span = None if frames is None else frame_span(frames, Capture.open(capture).num_frames)
     with progress() as report:
         motion = track_capture(
@@ -46,7 +45,7 @@ def track(
             seed=seed,
             frames=span,
             pose_file=pose,
-            tracker=tracker,
+            settings=changes | named_settings(settings),
             overlays=overlays,
             progress=report,
         )

@@ -24,6 +24,7 @@ from ._sequence import (
     track as track,
     track_frames as track_frames,
 )
+from ._settings import with_settings as with_settings
 from ._surface_flow import FlowSettings as FlowSettings, Source as Source, surface_flow as surface_flow
 from ._tracker import (
     Effort as Effort,

@@ -1,0 +1,102 @@
+"""Any setting of a tracker by its name, for ablations and the command line: `search.retry.tries=5`."""
+
+import types
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import jax.numpy as jnp
+from jaxtyping import AbstractArray
+
+from jaxmocap._results import InputError
+
+from ._tracker import Tracker
+
+
+def with_settings(tracker: Tracker, settings: Mapping[str, Any]) -> Tracker:
+    """The tracker with some settings changed: names are the attributes from the tracker down, joined by dots.
+
+    A tuple's entries are named by their number, an energy's terms by their name: `search.stages.0.iterations`,
+    `search_energy.terms.model_view.shading`. Values may be text. "off" (or None) leaves an optional part out, "on" puts
+    it in with its defaults. Raises `InputError` for an unknown name or a value of another kind.
+    """
+    for name, value in settings.items():
+        tracker = _changed(tracker, None, name.split("."), value, name)
+    return tracker
+
+
+def _changed(part: Any, kind: Any, path: list[str], value: Any, name: str) -> Any:
+    """`part`, annotated as `kind`, with the setting at `path` below it changed."""
+    if not path:
+        return _converted(part, kind, value, name)
+    head, rest = path[0], path[1:]
+    if is_dataclass(part) or hasattr(part, "_fields"):
+        known = [field.name for field in fields(part)] if is_dataclass(part) else list(part._fields)
+        _expect(head, known, name)
+        new = {head: _changed(getattr(part, head), get_type_hints(type(part))[head], rest, value, name)}
+        return replace(part, **new) if is_dataclass(part) else part._replace(**new)
+    if isinstance(part, tuple):
+        known = [getattr(entry, "name", str(number)) for number, entry in enumerate(part)]
+        _expect(head, known, name)
+        index = known.index(head)
+        return (*part[:index], _changed(part[index], type(part[index]), rest, value, name), *part[index + 1 :])
+    what = "is off" if part is None else "has no parts"
+    raise InputError(f"setting '{name}': what comes before '{head}' {what}; switch it on first or leave '{head}' out.")
+
+
+def _expect(head: str, known: list[str], name: str) -> None:
+    if head not in known:
+        raise InputError(f"setting '{name}': there is no '{head}'; choose one of {', '.join(known)}.")
+
+
+def _converted(part: Any, kind: Any, value: Any, name: str) -> Any:
+    kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
+    wanted = " or ".join(_described(k) for k in kinds)
+    if value is None or value == "off":
+        if type(None) in kinds:
+            return None
+    elif value == "on":
+        for k in kinds:
+            if is_dataclass(k):
+                return part if part is not None else k()
+    else:
+        for k in kinds:
+            try:
+                return _as_kind(k, value)
+            except (ValueError, TypeError):
+                continue
+    raise InputError(f"setting '{name}' is {value!r}, but {wanted} was expected.")
+
+
+def _as_kind(kind: Any, value: Any) -> Any:
+    """The value as this kind; raises when it is none."""
+    if get_origin(kind) is Literal:
+        if value in get_args(kind):
+            return value
+    elif kind is bool:
+        if value in (True, False, "true", "false"):
+            return value in (True, "true")
+    elif kind is int:
+        if float(value) == int(float(value)) and not isinstance(value, bool):
+            return int(float(value))
+    elif kind is float:
+        return float(value)
+    elif kind is str:
+        return str(value)
+    elif isinstance(kind, type) and issubclass(kind, AbstractArray):
+        return jnp.asarray(float(value) if isinstance(value, str) else value, jnp.float32)
+    elif isinstance(kind, type) and isinstance(value, kind):
+        return value
+    raise ValueError
+
+
+def _described(kind: Any) -> str:
+    if kind is type(None):
+        return "off"
+    if get_origin(kind) is Literal:
+        return " or ".join(map(str, get_args(kind)))
+    if isinstance(kind, type) and issubclass(kind, AbstractArray):
+        return "a number"
+    if is_dataclass(kind):
+        return f"on (a {getattr(kind, '__name__', kind)})"
+    return {int: "a whole number", float: "a number", bool: "true or false", str: "text"}.get(kind, str(kind))

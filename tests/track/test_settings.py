@@ -1,0 +1,84 @@
+"""Settings by name."""
+
+import jax.numpy as jnp
+import pytest
+
+from jaxmocap._results import InputError
+from jaxmocap.track import Hindsight, Retry, Tracker, with_settings
+
+NORMAL = Tracker.preset("normal")
+
+
+def test_parts_are_switched_off_and_on():
+    off = with_settings(NORMAL, {"search.calm": "off", "search.retry": None})
+    assert off.search.calm is None
+    assert off.search.retry is None
+    on = with_settings(off, {"search.retry": "on", "polish": "on"})
+    assert on.search.retry == Retry()
+    assert on.polish is not None
+    given = with_settings(NORMAL, {"search.hindsight": Hindsight(longest=2)})
+    assert given.search.hindsight.longest == 2
+    assert NORMAL.search.calm is not None
+
+
+def test_what_is_on_keeps_its_settings():
+    changed = with_settings(NORMAL, {"search.retry.tries": "7", "search.retry": "on"})
+    assert changed.search.retry.tries == 7
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("search.particles", "64", 64),
+        ("search.particles", "off", None),
+        ("search.trunk", "0.25", 0.25),
+        ("search.stages.1.faces", "1", 1.0),
+        ("refine.rounds", "3", 3),
+        ("refine.surface_flow", "false", False),
+        ("refine.autoregression", "velocity", "velocity"),
+        ("search_energy.terms.view_view.fail", "tau", "tau"),
+        ("angles", "same", "same"),
+        ("flow.preset", "fast", "fast"),
+    ],
+)
+def test_text_becomes_the_kind_of_the_setting(name, text, value):
+    found = with_settings(NORMAL, {name: text})
+    for step in name.split("."):
+        listed = (
+            {getattr(entry, "name", str(i)): entry for i, entry in enumerate(found)} if type(found) is tuple else {}
+        )
+        found = listed[step] if listed else getattr(found, step)
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_weights_are_array_leaves():
+    changed = with_settings(NORMAL, {"search_energy.terms.view_view.weight": "0.5", "refine.weights.prior": 2})
+    assert changed.search_energy.terms[1].weight.dtype == jnp.float32
+    assert float(changed.search_energy.terms[1].weight) == 0.5
+    assert float(changed.refine.weights.prior) == 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("serach.calm", "off", "there is no 'serach'; choose one of search_energy, search, refine"),
+        ("search.stages.2.step", "1", "there is no '2'; choose one of 0, 1"),
+        (
+            "search_energy.terms.colour.weight",
+            "1",
+            "there is no 'colour'; choose one of model_view, view_view, posture",
+        ),
+        ("search.trunk", "much", "is 'much', but a number was expected"),
+        ("search.trunk", "off", "is 'off', but a number was expected"),
+        ("refine.rounds", "2.5", "is '2.5', but a whole number was expected"),
+        ("refine.edges", "sobel", "is 'sobel', but canny or background was expected"),
+        ("refine.surface_flow", "maybe", "true or false was expected"),
+        ("polish.steps", "3", "what comes before 'steps' is off"),
+        ("search.trunk.deeper", "3", "has no parts"),
+        ("search.retry", "5", r"is '5', but on \(a Retry\) or off was expected"),
+    ],
+)
+def test_a_mistake_gets_one_sentence(name, value, sentence):
+    with pytest.raises(InputError, match=sentence):
+        with_settings(NORMAL, {name: value})
