@@ -11,6 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Scalar = Float[Array, ""]
+Knob = Float[Array, ""] | float
+"""A hyper-parameter: any number when it is given, an array from then on (see `knob`)."""
 
 
 def knob(default: float) -> Any:

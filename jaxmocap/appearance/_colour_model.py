@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmocap._types import Scalar, knob
+from jaxmocap._types import Knob, knob
 
 FAR = 1e6
 """Distance of a cluster that does not exist: beyond every barrier."""
@@ -31,9 +31,9 @@ class ColourSettings(eqx.Module):
     - `min_cluster`: pixels a cluster needs; an element of n pixels gets min(K, max(1, n // min_cluster)) clusters.
     """
 
-    s0: Scalar = knob(0.05)
-    kappa: Scalar = knob(9.0)
-    tau: Scalar = knob(1.0)
+    s0: Knob = knob(0.05)
+    kappa: Knob = knob(9.0)
+    tau: Knob = knob(1.0)
     covariance: Literal["full", "diag", "iso"] = eqx.field(static=True, default="full")
     metric: Literal["mahalanobis", "euclidean"] = eqx.field(static=True, default="mahalanobis")
     weights: Literal["off", "neglog"] = eqx.field(static=True, default="off")

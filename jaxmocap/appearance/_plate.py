@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
-from jaxmocap._types import Scalar, knob
+from jaxmocap._types import Knob, knob
 
 from ._background_grid import GridSettings, grid_ids, grid_triangles, grid_vertices
 from ._warp import GridWarp
@@ -32,10 +32,10 @@ class PlateSettings(eqx.Module):
     - `growth`: pixels by which the person's silhouette grows before the rest is taken for background. Static.
     """
 
-    s0: Scalar = knob(0.10)
-    unknown: Scalar = knob(0.5)
-    shadow_low: Scalar = knob(0.35)
-    shadow_high: Scalar = knob(0.75)
+    s0: Knob = knob(0.10)
+    unknown: Knob = knob(0.5)
+    shadow_low: Knob = knob(0.35)
+    shadow_high: Knob = knob(0.75)
     blur: float = eqx.field(static=True, default=1.0)
     reach: int = eqx.field(static=True, default=2)
     growth: int = eqx.field(static=True, default=5)
@@ -71,8 +71,9 @@ def carried_plate(plate: Plate, warp: GridWarp, grid: GridSettings | None = None
     where = grid_coordinates(warp.vertices, ids, grid) - 0.5
     unknown = (~plate.known).astype(np.uint8)
     constant = cv2.BORDER_CONSTANT
-    lost = cv2.remap(unknown, where, None, cv2.INTER_LINEAR, borderMode=constant, borderValue=(1,))
-    picture = cv2.remap(plate.picture, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    columns, rows = cv2.split(where)
+    lost = cv2.remap(unknown, columns, rows, cv2.INTER_LINEAR, borderMode=constant, borderValue=(1,))
+    picture = cv2.remap(plate.picture, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return Plate(picture, lost == 0)
 
 
@@ -87,7 +88,8 @@ def grid_coordinates(
     corners = np.concatenate([np.asarray(vertices, np.float64)[triangles], np.ones((len(triangles), 3, 1))], axis=-1)
     flat = np.abs(np.linalg.det(corners)) < 1e-6
     corners[flat] = np.eye(3)
-    regular = grid_vertices(*ids.shape, grid.rows, grid.columns)
+    height, width = ids.shape
+    regular = grid_vertices(height, width, grid.rows, grid.columns)
     affine = np.linalg.solve(corners, regular[triangles]).astype(np.float32)
     affine[flat] = -1e4
     picked = affine[np.maximum(ids, 0)]

@@ -17,7 +17,7 @@ def _ahead(points: Float[np.ndarray, "25 3"]) -> Float[np.ndarray, "5"]:
 
     Ahead is left x up, so its sign turns with the handedness of the points: of a person these are nearly all positive.
     """
-    place = dict(zip(KEYPOINT_NAMES, points, strict=True))
+    place: dict[str, np.ndarray] = dict(zip(KEYPOINT_NAMES, points, strict=True))
 
     def ahead(left: np.ndarray, up: np.ndarray, by: np.ndarray) -> float:
         forward = np.cross(left, up)
@@ -27,8 +27,9 @@ def _ahead(points: Float[np.ndarray, "25 3"]) -> Float[np.ndarray, "5"]:
     hips = place["l_hip"] - place["r_hip"]
     shoulders = place["l_shoulder"] - place["r_shoulder"]
     found = [ahead(hips + shoulders, place["neck"] - place["pelvis"], place["nose"] - place["neck"])]
-    for side in "lr":
-        hip, knee, ankle, toe = (place[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "big_toe"))
+    for side in ("l", "r"):
+        hip, knee = place[f"{side}_hip"], place[f"{side}_knee"]
+        ankle, toe = place[f"{side}_ankle"], place[f"{side}_big_toe"]
         found += [ahead(hips, hip - ankle, knee - (hip + ankle) / 2), ahead(hips, hip - ankle, toe - ankle)]
     return np.array(found)
 

@@ -54,7 +54,7 @@ def chain(skeleton: Skeleton, pose: Pose) -> Chain:
         jnp.broadcast_to(pose.root[:3, :3], (count, 3, 3)).astype(turn.dtype),
         jnp.broadcast_to(pose.root[:3, 3], (count, 3)).astype(turn.dtype),
     )
-    bodies, before = lax.scan(step, start, (steps.source, steps.target, turn, shift))
+    bodies, before = lax.scan(step, start, (jnp.asarray(steps.source), jnp.asarray(steps.target), turn, shift))
     joints = _rows(np.flatnonzero(~still)[np.argsort(steps.dof[~still])])
     return Chain(bodies[0][1:], bodies[1][1:], before[0][joints], before[1][joints])
 

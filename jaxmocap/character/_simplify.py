@@ -31,4 +31,4 @@ def simplify(character: Character, num_faces: int) -> tuple[Character, Int[np.nd
     simple = Character(
         character.name, character.skeleton, jnp.asarray(points), jnp.asarray(triangles), jnp.asarray(weights)
     )
-    return simple, nearest
+    return simple, np.asarray(nearest)

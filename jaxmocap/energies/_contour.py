@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import expand
 
@@ -26,10 +26,10 @@ class ContourSettings(eqx.Module):
     step: int = eqx.field(static=True, default=2)
     capacity: int = eqx.field(static=True, default=2048)
     contours: Literal["outer", "outer+occluding"] = eqx.field(static=True, default="outer")
-    colour_scale: Float[Array, ""] = knob(0.3)
-    accept_score: Float[Array, ""] = knob(0.5)
-    accept_cosine: Float[Array, ""] = knob(0.85)
-    depth_gap: Float[Array, ""] = knob(0.06)
+    colour_scale: Knob = knob(0.3)
+    accept_score: Knob = knob(0.5)
+    accept_cosine: Knob = knob(0.85)
+    depth_gap: Knob = knob(0.06)
 
 
 class ContourPoints(NamedTuple):

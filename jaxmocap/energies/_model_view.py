@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 from jaxmocap.observation import Clusters, FrameProblem
 from jaxmocap.render import WINDOW, KeyLayout, covered_tiles, crop, look_up, sum_over_tiles
 
@@ -44,10 +44,10 @@ class ModelView(eqx.Module):
     with the Gaussians of its face, which is much slower.
     """
 
-    weight: Float[Array, ""] = knob(1.0)
-    epsilon: Float[Array, ""] = knob(1e-3)
-    uncovered_scale: Float[Array, ""] = knob(1.0)
-    outside: Float[Array, ""] = knob(1.0)
+    weight: Knob = knob(1.0)
+    epsilon: Knob = knob(1e-3)
+    uncovered_scale: Knob = knob(1.0)
+    outside: Knob = knob(1.0)
     shading: Literal["palette", "exact"] = eqx.field(static=True, default="palette")
 
     name = "model_view"

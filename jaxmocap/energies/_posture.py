@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 from jaxmocap.character import Pose, Skeleton
 
 POSTURE_JOINTS = ("lumbar", "thorax", "neck", "clav")
@@ -23,7 +23,7 @@ class Posture(eqx.Module):
     """The sum of squared shares of their limits to which spine, neck and collar bones are bent. Not in the paper,
     whose search may explain a pixel by any posture within the limits; without this term in the energy it is back."""
 
-    weight: Float[Array, ""] = knob(0.005)
+    weight: Knob = knob(0.005)
 
     name = "posture"
 

@@ -1,7 +1,7 @@
 """Eq. 5 and its relatives: a weighted sum of terms, scored for a whole generation of particles in one compiled call."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -118,7 +118,7 @@ def prepare_base(
     far = jnp.zeros((), jnp.int32)
     for term, ready in zip(energy.terms, prepared, strict=True):
         if isinstance(term, ViewView):
-            far = jnp.maximum(far, term.needed(ready))
+            far = jnp.maximum(far, term.needed(cast(Any, ready)))
     cut = jnp.stack([region.cut(buffers[c], c, border=WINDOW) for c in range(problem.num_cameras)])
     return Base(cut, prepared, needed, far)
 
@@ -145,7 +145,8 @@ def score_particles(
     dynamic, static = eqx.partition((energy, character, part, pose, problem, region, base), eqx.is_array)
 
     def generation(arrays: Any, rows: Array) -> tuple[Array, Array]:
-        return _score(*eqx.combine(arrays, static), rows, capacity, driver)
+        energy, character, part, pose, problem, region, base = eqx.combine(arrays, static)
+        return _score(energy, character, part, pose, problem, region, base, rows, capacity, driver)
 
     terms, needed = _share_out(generation, dynamic, increments)
     weights = jnp.stack([term.weight for term in energy.terms])

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import KeyLayout, crop
 
@@ -27,7 +27,7 @@ class Silhouette(eqx.Module):
     """
 
     masks: Float[Array, "camera height width"]
-    weight: Float[Array, ""] = knob(1.0)
+    weight: Knob = knob(1.0)
 
     name = "silhouette"
 

@@ -8,6 +8,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jaxmocap._types import Knob
 from jaxmocap.character import Character, Pose, skin
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import SoftFaces, SoftSettings, expand, soft_faces, to_screen
@@ -80,7 +81,7 @@ def _model_view(
     return lax.map(one, views).sum() / problem.area
 
 
-def _area_outside(screen: Array, faces: Array, size: tuple[int, int], width: Array) -> Array:
+def _area_outside(screen: Array, faces: Array, size: tuple[int, int], width: Knob) -> Array:
     """Pixels of front faces whose centre lies outside the rectangle, fading in over `width` pixels."""
     x, y, inverse = screen[0][faces], screen[1][faces], screen[2][faces]
     area = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
@@ -144,7 +145,7 @@ def _pair(term: ViewView, own_view: _View, other_view: _View, problem: FrameProb
     return jnp.where(counted > 0, paid / jnp.where(counted > 0, counted, 1.0), TAU)
 
 
-def _around(x: Array, y: Array, width: Array, width_of_colour: float | Array):
+def _around(x: Array, y: Array, width: Knob, width_of_colour: Knob):
     """The four pixels around a point: row, column, and weights that blend over `width` pixels (1 is bilinear, 0 the
     nearest pixel), once for what is seen and once for its colour."""
     left, top = jnp.floor(lax.stop_gradient(x)), jnp.floor(lax.stop_gradient(y))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import WINDOW, KeyLayout, covered_tiles, crop, expand, look_up, sum_in_turns, sum_over_tiles
 
@@ -116,8 +116,8 @@ class ViewView(eqx.Module):
     that must be scored again.
     """
 
-    weight: Float[Array, ""] = knob(0.3)
-    colour_scale: Float[Array, ""] = knob(1.0)
+    weight: Knob = knob(0.3)
+    colour_scale: Knob = knob(1.0)
     step: int = eqx.field(static=True, default=1)
     sampling: Literal["bilinear", "nearest"] = eqx.field(static=True, default="bilinear")
     fail: Literal["tau", "ignore"] = eqx.field(static=True, default="tau")

@@ -22,17 +22,16 @@ def face_adjacency(faces: Int[np.ndarray, "face 3"]) -> sparse.csr_matrix:
 def faces_within(faces: Int[np.ndarray, "face 3"], steps: int = 5) -> sparse.csr_matrix:
     """Boolean sparse matrix (face, face): true where the shortest path over shared edges has at most `steps` steps,
     0 (the face itself) included. Weld duplicate vertices first: a seam cuts the graph."""
-    step = (face_adjacency(faces) + sparse.identity(len(faces), dtype=bool, format="csr")).astype(np.int32)
-    reach = sparse.identity(len(faces), dtype=np.int32, format="csr")
+    itself = sparse.csr_matrix(sparse.identity(len(faces)).astype(np.int32))
+    reach, step = itself, sparse.csr_matrix(face_adjacency(faces).astype(np.int32) + itself)
     for _ in range(steps):
-        reach = reach @ step
-        reach.data[:] = 1
-    return reach.astype(bool)
+        reach = (reach @ step).astype(bool).astype(np.int32)
+    return sparse.csr_matrix(reach.astype(bool))
 
 
 def pack_rows(table: sparse.csr_matrix) -> UInt32[np.ndarray, "face word"]:
     """The table as bits: faces i, j are near when `(row[i][j // 32] >> (j % 32)) & 1`. 3 MB for 5,000 faces."""
-    count = table.shape[0]
+    count = len(table.indptr) - 1
     words = np.zeros((count, -(-count // 32)), np.uint32)
     rows, columns = table.nonzero()
     np.bitwise_or.at(words, (rows, columns // 32), np.uint32(1) << (columns % 32).astype(np.uint32))

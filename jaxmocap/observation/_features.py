@@ -196,7 +196,8 @@ def warp_image(
     covered = GridSettings(rows=grid.rows, columns=grid.columns, fill="none")
     ids = grid_ids(vertices, height, width, covered, rest=regular)
     source = grid_coordinates(vertices, ids, grid) - 0.5
-    warped = cv2.remap(image, source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    columns, rows = cv2.split(source)
+    warped = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     nearest = np.round(source).astype(int)
     column, row = np.clip(nearest[..., 0], 0, width - 1), np.clip(nearest[..., 1], 0, height - 1)
     return warped, (ids >= 0) & usable[row, column]

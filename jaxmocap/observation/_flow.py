@@ -1,5 +1,7 @@
 """Dense optical flow between two pictures, with its own check."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -16,7 +18,8 @@ def dense_flow(
 ) -> Float[np.ndarray, "height width 2"]:
     """DIS optical flow (Kroeger et al. 2016): `first(p)` is found at `p + flow(p)` in `second`, pixels (dx, dy)."""
     pair = np.ascontiguousarray(first), np.ascontiguousarray(second)
-    return cv2.DISOpticalFlow_create(_PRESETS[preset]).calc(*pair, None)
+    method: Any = cv2.DISOpticalFlow.create(_PRESETS[preset])  # its stub does not know that no flow may be given
+    return method.calc(*pair, None)
 
 
 def flow_agrees(

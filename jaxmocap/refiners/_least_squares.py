@@ -11,7 +11,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 
 from ._base import AbstractRefiner, Refined
 from ._problem import RefineProblem
@@ -38,7 +38,7 @@ class LeastSquares(AbstractRefiner):
     smoothing: Float[Array, "round"] = eqx.field(
         converter=lambda values: jnp.asarray(values, jnp.float32), default=(1e-2, 1e-3, 1e-4)
     )
-    bound_weight: Float[Array, ""] = knob(1e3)
+    bound_weight: Knob = knob(1e3)
 
     def __check_init__(self) -> None:
         if self.method not in METHODS:

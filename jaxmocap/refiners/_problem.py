@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 from jaxmocap.geometry import huber, huber_weight
 
 Norm = Literal["squared", "l2"]
@@ -40,8 +40,8 @@ class RefineProblem(eqx.Module):
     l1: Float[Array, "*dof"] = knob(3.0)
     prior_weight: Float[Array, "*dof"] = knob(3.0)
     jacobian: Callable[[Float[Array, "dof"]], Float[Array, "row dof"]] | None = None
-    residual_floor: Float[Array, ""] = knob(0.005)
-    prior_floor: Float[Array, ""] = knob(1e-3)
+    residual_floor: Knob = knob(0.005)
+    prior_floor: Knob = knob(1e-3)
     norm: Norm = eqx.field(static=True, default="squared")
     group_size: int = eqx.field(static=True, default=1)
 

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 
 from ._base import AbstractRefiner, Refined
 from ._coordinate_descent import shooting
@@ -46,8 +46,8 @@ class Shooting(AbstractRefiner):
     max_rounds: int = eqx.field(static=True, default=30)
     sweeps: int = eqx.field(static=True, default=100)
     reweights: int = eqx.field(static=True, default=10)
-    damping: Float[Array, ""] = knob(1e-3)
-    tolerance: Float[Array, ""] = knob(1e-11)
+    damping: Knob = knob(1e-3)
+    tolerance: Knob = knob(1e-11)
 
     def solve(self, problem: RefineProblem, start: Float[Array, "dof"]) -> Refined:
         size, rounding = start.shape[0], jnp.finfo(start.dtype).eps

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 
 from ._coverage import covered_area
 from ._keys import WINDOW, KeyLayout, crop
@@ -27,7 +27,7 @@ class SoftSettings(eqx.Module):
     pixels that anything covers, and the (pixel, face) pairs of one view; `SoftFaces.needed` says what they should have
     been."""
 
-    width: Float[Array, ""] = knob(1.0)
+    width: Knob = knob(1.0)
     layers: int = eqx.field(static=True, default=12)
     windows: int = eqx.field(static=True, default=16384)
     pixels: int = eqx.field(static=True, default=65536)

@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jaxmocap._types import Knob
+
 from ._resampling import effective_sample_size
 
 Schedule = Literal["ess", "poly_std", "poly_raw"]
@@ -26,9 +28,9 @@ def boltzmann_weights(gaps: Float[Array, "particle"], beta: Float[Array, ""]) ->
 
 def beta_for_effective_sample_size(
     gaps: Float[Array, "particle"],
-    share: Float[Array, ""],
-    beta_min: Float[Array, ""],
-    beta_max: Float[Array, ""],
+    share: Knob,
+    beta_min: Knob,
+    beta_max: Knob,
 ) -> Float[Array, ""]:
     """The beta with effective sample size `share * N`, by bisection (survival rate, Deutscher and Reid, IJCV 2005).
 

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 
 from ._base import (
     AbstractSampler,
@@ -40,7 +40,7 @@ class CrossEntropy(AbstractSampler):
     num_iterations: int = eqx.field(static=True, default=25)
     num_elites: int = eqx.field(static=True, default=25)
     answer: Answer = eqx.field(static=True, default="best_if_better")
-    smoothing: Float[Array, ""] = knob(0.2)
+    smoothing: Knob = knob(0.2)
     sigma_min: Float[Array, "*dof"] = knob(0.00436)
 
     def init(

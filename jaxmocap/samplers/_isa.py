@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from jaxmocap._results import InputError
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 
 from ._annealing import Schedule, beta_for_effective_sample_size, boltzmann_weights, energy_gaps, energy_scale
 from ._base import (
@@ -79,13 +79,13 @@ class InteractingSimulatedAnnealing(AbstractSampler):
     epsilon: Epsilon = eqx.field(static=True, default="inverse_max")
     resampling: Resampling = eqx.field(static=True, default="multinomial")
     strict: bool = eqx.field(static=True, default=False)
-    survival: Float[Array, ""] = knob(0.3)
-    alpha: Float[Array, ""] = knob(0.4)
+    survival: Knob = knob(0.3)
+    alpha: Knob = knob(0.4)
     sigma_min: Float[Array, "*dof"] = knob(0.00436)
-    exponent: Float[Array, ""] = knob(0.7)
-    beta_factor: Float[Array, ""] = knob(1.0)
-    beta_min: Float[Array, ""] = knob(1e-2)
-    beta_max: Float[Array, ""] = knob(1e7)
+    exponent: Knob = knob(0.7)
+    beta_factor: Knob = knob(1.0)
+    beta_min: Knob = knob(1e-2)
+    beta_max: Knob = knob(1e7)
 
     def __check_init__(self) -> None:
         options = {"answer": Answer, "schedule": Schedule, "epsilon": Epsilon, "resampling": Resampling}

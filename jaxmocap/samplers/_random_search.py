@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 
 from ._base import AbstractSampler, AbstractState, Answer, Proposal, StepInfo, finite_or_inf, first_proposal, step_info
 
@@ -23,7 +23,7 @@ class RandomSearch(AbstractSampler):
     num_particles: int = eqx.field(static=True, default=168)
     num_iterations: int = eqx.field(static=True, default=25)
     answer: Answer = eqx.field(static=True, default="best_if_better")
-    shrink: Float[Array, ""] = knob(0.85)
+    shrink: Knob = knob(0.85)
 
     def init(
         self,

@@ -78,8 +78,9 @@ def keypoint_rays(
             jnp.asarray(scale),
             jnp.asarray(robust),
         )
-    stacked = (jnp.asarray(np.stack(v), jnp.float32) for v in (mix, direction, moment))
-    return LandmarkRays(*stacked, jnp.asarray(weight, jnp.float32), jnp.asarray(scale), jnp.asarray(robust))
+    mixes, directions, moments = (jnp.asarray(np.stack(v), jnp.float32) for v in (mix, direction, moment))
+    weights = jnp.asarray(weight, jnp.float32)
+    return LandmarkRays(mixes, directions, moments, weights, jnp.asarray(scale), jnp.asarray(robust))
 
 
 def triangulated(

@@ -3,7 +3,7 @@
 import types
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 import jax.numpy as jnp
 from jaxtyping import AbstractArray
@@ -31,10 +31,11 @@ def _changed(part: Any, kind: Any, path: list[str], value: Any, name: str) -> An
         return _converted(part, kind, value, name)
     head, rest = path[0], path[1:]
     if is_dataclass(part) or hasattr(part, "_fields"):
-        known = [field.name for field in fields(part)] if is_dataclass(part) else list(part._fields)
+        record, is_tuple = cast(Any, part), hasattr(part, "_fields")
+        known = list(record._fields) if is_tuple else [field.name for field in fields(record)]
         _expect(head, known, name)
-        new = {head: _changed(getattr(part, head), get_type_hints(type(part))[head], rest, value, name)}
-        return replace(part, **new) if is_dataclass(part) else part._replace(**new)
+        new = {head: _changed(getattr(record, head), get_type_hints(type(record))[head], rest, value, name)}
+        return record._replace(**new) if is_tuple else replace(record, **new)
     if isinstance(part, tuple):
         known = [getattr(entry, "name", str(number)) for number, entry in enumerate(part)]
         _expect(head, known, name)
@@ -57,7 +58,7 @@ def _converted(part: Any, kind: Any, value: Any, name: str) -> Any:
             return None
     elif value == "on":
         for k in kinds:
-            if is_dataclass(k):
+            if isinstance(k, type) and is_dataclass(k):
                 return part if part is not None else k()
     else:
         for k in kinds:

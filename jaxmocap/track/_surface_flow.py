@@ -179,19 +179,19 @@ def _one_source(character, vertices, ids, target, camera, problem, source, setti
         backward = dense_flow(target_here, predicted, settings.preset)
         good = np.zeros(ids.shape, bool)
         good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here, settings)
-        structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(predicted, (0, 0), 1.0), 9, 3)
+        structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(predicted, (0, 0), 1.0), 9, ksize=3)
         weight[box], moved[box] = structure / (structure + 2e-4), forward
         picked = pick_samples(good, settings.samples)
         alive = np.arange(settings.samples) < good.sum()
     row, column = np.divmod(picked, ids.shape[1])
-    pixels = (np.stack([column, row], -1) + np.asarray(origin)[::-1] + 0.5).astype(np.float32)
+    pixels = jnp.asarray(np.stack([column, row], -1) + np.asarray(origin)[::-1] + 0.5, jnp.float32)
     targets = pixels + moved[row, column]
-    shares = np.where(alive, weight[row, column], 0.0).astype(np.float32)
+    shares = jnp.asarray(np.where(alive, weight[row, column], 0.0), jnp.float32)
     face = ids[row, column]
     lines = [surface_lines(vertices, character.faces, face, pixels, targets, shares, view)]
     if source.same_time:
         other = (source.intrinsics, source.cam_from_world)
-        there = np.where(alive[:, None], source_pixel[row, column], 0.0).astype(np.float32)
+        there = jnp.asarray(np.where(alive[:, None], source_pixel[row, column], 0.0), jnp.float32)
         lines.append(surface_lines(vertices, character.faces, face, pixels, there, shares, view, other))
     return lines
 

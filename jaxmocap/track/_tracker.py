@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
-from jaxmocap._types import knob
+from jaxmocap._types import Knob, knob
 from jaxmocap.appearance import AppearanceSettings, ForegroundSettings
 from jaxmocap.energies import ContourSettings, SearchEnergy, search_energy
 from jaxmocap.refiners import AbstractRefiner, LeastSquares
@@ -69,12 +69,12 @@ class RefineWeights(eqx.Module):
     autoregression's prediction against lambda_reg, 1 is the paper. `robust` is the Geman-McClure scale in metres.
     """
 
-    regularisation: Float[Array, ""] = knob(3.0)
-    residual_scale: Float[Array, ""] = knob(0.10)
-    prior: Float[Array, ""] = knob(1.0)
-    robust: Float[Array, ""] = knob(0.02)
-    contour: Float[Array, ""] = knob(1.0)
-    surface: Float[Array, ""] = knob(1.0)
+    regularisation: Knob = knob(3.0)
+    residual_scale: Knob = knob(0.10)
+    prior: Knob = knob(1.0)
+    robust: Knob = knob(0.02)
+    contour: Knob = knob(1.0)
+    surface: Knob = knob(1.0)
 
 
 @dataclass(frozen=True)
