@@ -9,6 +9,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from jaxmocap._complete import MaskRecord, mask_record, with_person_masks, with_selected_frames
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character
@@ -53,8 +54,8 @@ def open_character(capture: Capture) -> Character:
     return Character.load(capture.actor)
 
 
-def registration_record(registrations: dict[int, Registration], character: Character) -> dict:
-    """What `registration.json` holds: per selected frame the fit and the pose, metres and degrees."""
+def registration_record(registrations: dict[int, Registration], character: Character, masks: MaskRecord) -> dict:
+    """What `registration.json` holds: per selected frame the fit, the masks and the pose, metres and degrees."""
     from jaxmocap.character import pose_vector
 
     record = {}
@@ -65,6 +66,7 @@ def registration_record(registrations: dict[int, Registration], character: Chara
             "iou": [None if np.isnan(v) else round(float(v), 4) for v in found.iou],
             "keypoint_rms_m": None if np.isnan(found.keypoint_rms) else round(found.keypoint_rms, 4),
             "searched": found.searched,
+            "masks": masks[str(frame)],
             "pose": {name: round(float(v), 5) for name, v in zip(character.skeleton.dof_names, vector, strict=True)},
         }
     return record
@@ -90,11 +92,15 @@ def track_capture(
     tracker: Tracker | None = None,
     overlays: bool = True,
     progress: Report | None = None,
+    find_masks: bool = True,
+    say: Callable[[str], None] | None = None,
 ) -> Motion:
     """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
     video per view. Nothing is left behind when it fails.
 
-    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `tracker` replaces the preset.
+    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `tracker` replaces the preset. Selected
+    frames that the capture does not name are chosen, and masks it does not have are found (unless `find_masks` is off);
+    the report says so, and `say` is told at once, also when a mask is doubtful.
     """
     tell = progress or (lambda stage, done, total: None)
     begin = time.perf_counter()
@@ -103,6 +109,7 @@ def track_capture(
         character = open_character(capture)
         cameras = capture.cameras
         overrides = read_pose_file(pose_file) if pose_file is not None else None
+        capture, selection = with_selected_frames(capture, overrides, say)
         tracker = Tracker.preset(quality) if tracker is None else tracker
         key = jax.random.key(seed)
         selected = capture.selected_frames or (0,)
@@ -112,6 +119,15 @@ def track_capture(
                 f"the pose file {pose_file} sets frame {unknown[0]}, which is not registered; the selected frames of "
                 f"capture '{capture.name}' are {', '.join(map(str, selected))}."
             )
+        capture, found = with_person_masks(
+            capture,
+            character,
+            key=jax.random.fold_in(key, 4),
+            overrides=overrides,
+            find=find_masks,
+            say=say,
+            progress=progress,
+        )
         tell("register", 0, len(selected))
         registrations: dict[int, Registration] = {}
         for number, frame in enumerate(selected):
@@ -147,7 +163,8 @@ def track_capture(
             "versions": _versions(),
             "device": str(jax.devices()[0]),
             "seconds": {"prepare": prepared - begin, "track": tracked - prepared},
-            "registration": registration_record(registrations, character),
+            "selected_frames": selection,
+            "registration": registration_record(registrations, character, mask_record(capture, found)),
         }
         motion = motion_of(observations, results, provenance)
         motion.save(staging)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ._arguments import CapturePath, FrameSpan, Json, PoseFile, Seed, frame_span
+from ._arguments import CapturePath, FindMasks, FrameSpan, Json, PoseFile, Seed, frame_span
 from ._output import progress, say, show
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ def track(
         bool, tyro.conf.arg(help_behavior_hint="", help="After each search, follow its energy downhill. Slow.")
     ] = False,
     pose: PoseFile = None,
+    find_masks: FindMasks = True,
     overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
     json: Json = False,
 ) -> int:
@@ -49,6 +50,8 @@ def track(
             tracker=tracker,
             overlays=overlays,
             progress=report,
+            find_masks=find_masks,
+            say=say,
         )
     show({"out": out, **summary(motion)}, lambda: sentence(motion, out), json_wanted=json)
     return report_lost(motion)
