@@ -39,12 +39,12 @@ class ChosenFrames(NamedTuple):
 def choose_frames(capture: Capture, cameras: Cameras, count: int = DEFAULT_COUNT) -> ChosenFrames:
     """At most `count` frames whose keypoints are good and whose poses and sides seen stand for the whole capture.
 
-    Good: the torso and 11 of 13 joints in two views, triangulated with less than a tenth of the trunk as residual. Of
-    these, one in the first twentieth of the good ones' span and then, one by one, the frame that brings all good
-    frames nearest to a chosen one (facility location, greedily, 1 - 1/e of the best; Nemhauser et al. 1978). Near means:
-    joints about the trunk in its own axes, and the directions in which the cameras lie from it. A frame that leaps away
-    from both its neighbours is left out: detections that went astray. With fewer points seen, the frame that shows most of them in two views;
-    without any, the first frame. The same capture gives the same frames.
+    Good: the torso and 11 of 13 joints in two views, triangulated with less than a tenth of the trunk as residual, and
+    not leaping away from both neighbouring frames (detections gone astray). Of these, one in the first twentieth of
+    their span and then, one by one, the frame that brings all good frames nearest to a chosen one (facility location,
+    greedily, which is within 1 - 1/e of the best; Nemhauser et al. 1978). Near means: joints about the trunk in its own
+    axes, and the directions in which the cameras lie from it. Without good frames, the one that shows most points in
+    two views; without any, the first. The same capture gives the same frames.
     """
     if count < 1:
         raise ValueError(f"count is {count}; at least one frame must be chosen")

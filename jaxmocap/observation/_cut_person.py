@@ -27,10 +27,10 @@ class CutSettings:
 
     `limb`: half the width of the lines drawn between keypoints, which belong to the prior. `prior`: distance from the
     prior's outline that is worth one nat, up to `prior_most` nats. `skin`: the body's colours count fully this far
-    inside. Deeper than `sure` in the prior everything is the person. `band`: beyond it nothing is, which leaves room for
-    hair and clothes. `near`: how local colours are. `anywhere`: share of the colours of the whole body and surroundings.
-    `still`: weight of what stays where it is. `colours`: how many colours are told apart. `sharpness`: weight of all
-    this against the length of the outline.
+    inside. `sure`: deeper in the prior everything is the person. `band`: further from it nothing is, which leaves room
+    for hair and clothes. `near`: how local colours are. `anywhere`: share of the colours of the whole body and its
+    surroundings. `still`: weight of what stays where it is. `colours`: how many colours are told apart. `sharpness`:
+    weight of all this against the length of the outline.
     """
 
     limb: float = 0.025

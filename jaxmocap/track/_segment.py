@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, PRNGKeyArray
 
 from jaxmocap.camera import Cameras
-from jaxmocap.capture import Capture
+from jaxmocap.capture import Capture, choose_frames
 from jaxmocap.character import Character, Pose, skin
 from jaxmocap.observation import (
     CutSettings,
@@ -74,7 +74,8 @@ def segment_person(
     settings = SegmentationSettings() if settings is None else settings
     registration = RegistrationSettings() if registration is None else registration
     key = jax.random.key(0) if key is None else key
-    frames = tuple(frames) if frames is not None else (capture.selected_frames or (0,))
+    if frames is None:
+        frames = capture.selected_frames or choose_frames(capture, cameras).frames
     begin = replace(registration, search_below=0.0)
     refit = replace(begin, view_flow=0)
     result: PersonMasks = {}
