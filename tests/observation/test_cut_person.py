@@ -12,7 +12,7 @@ from jaxmocap.observation import (
     standing_still,
 )
 
-LEAST, GAIN = 0.87, 0.03
+SHIFTED, LEAST, GAIN = 0.85, 0.87, 0.03
 
 
 def overlap(a: np.ndarray, b: np.ndarray) -> float:
@@ -34,8 +34,8 @@ def test_a_body_some_pixels_off_is_corrected_by_the_colours(world, silhouettes, 
     for camera, silhouette in enumerate(silhouettes):
         prior, truth = moved(silhouette, by), world.truth.masks[0, camera]
         found = cut_person(world.truth.images[0, camera], prior)
-        assert overlap(found, truth) > LEAST, (camera, overlap(found, truth), overlap(prior, truth))
-        assert overlap(found, truth) > overlap(prior, truth) + GAIN
+        assert overlap(found, truth) > SHIFTED, (camera, overlap(found, truth), overlap(prior, truth))
+        assert overlap(found, truth) > overlap(prior, truth) + 0.1
 
 
 def test_a_body_too_thick_or_too_thin_is_corrected(world, silhouettes):
