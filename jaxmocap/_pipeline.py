@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxmocap._complete import MaskRecord, mask_record, with_person_masks, with_selected_frames
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character
@@ -55,8 +56,8 @@ def open_character(capture: Capture) -> Character:
     return Character.load(capture.actor)
 
 
-def registration_record(registrations: dict[int, Registration], character: Character) -> dict:
-    """What `registration.json` holds: per selected frame the fit and the pose, metres and degrees."""
+def registration_record(registrations: dict[int, Registration], character: Character, masks: MaskRecord) -> dict:
+    """What `registration.json` holds: per selected frame the fit, the masks and the pose, metres and degrees."""
     from jaxmocap.character import pose_vector
 
     record = {}
@@ -67,6 +68,7 @@ def registration_record(registrations: dict[int, Registration], character: Chara
             "iou": [None if np.isnan(v) else round(float(v), 4) for v in found.iou],
             "keypoint_rms_m": None if np.isnan(found.keypoint_rms) else round(found.keypoint_rms, 4),
             "searched": found.searched,
+            "masks": masks[str(frame)],
             "pose": {name: round(float(v), 5) for name, v in zip(character.skeleton.dof_names, vector, strict=True)},
         }
     return record
@@ -93,12 +95,16 @@ def track_capture(
     settings: Mapping[str, Any] | None = None,
     overlays: bool = True,
     progress: Report | None = None,
+    find_masks: bool = True,
+    say: Callable[[str], None] | None = None,
 ) -> Motion:
     """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
     video per view. Nothing is left behind when it fails.
 
     `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `tracker` replaces the preset,
-    `settings` change single settings of it by name (`with_settings`).
+    `settings` change single settings of it by name (`with_settings`). Selected frames that the capture does not name
+    are chosen, and masks it does not have are found (unless `find_masks` is off); the report says so, and `say` is told
+    at once, also when a mask is doubtful.
     """
     tell = progress or (lambda stage, done, total: None)
     begin = time.perf_counter()
@@ -108,6 +114,7 @@ def track_capture(
         cameras = capture.cameras
         overrides = read_pose_file(pose_file) if pose_file is not None else None
         tracker = with_settings(Tracker.preset(quality) if tracker is None else tracker, settings or {})
+        capture, selection = with_selected_frames(capture, overrides, say)
         key = jax.random.key(seed)
         selected = capture.selected_frames or (0,)
         unknown = sorted(set(overrides or {}) - set(selected))
@@ -116,6 +123,15 @@ def track_capture(
                 f"the pose file {pose_file} sets frame {unknown[0]}, which is not registered; the selected frames of "
                 f"capture '{capture.name}' are {', '.join(map(str, selected))}."
             )
+        capture, found = with_person_masks(
+            capture,
+            character,
+            key=jax.random.fold_in(key, 4),
+            overrides=overrides,
+            find=find_masks,
+            say=say,
+            progress=progress,
+        )
         tell("register", 0, len(selected))
         registrations: dict[int, Registration] = {}
         for number, frame in enumerate(selected):
@@ -151,7 +167,8 @@ def track_capture(
             "versions": _versions(),
             "device": str(jax.devices()[0]),
             "seconds": {"prepare": prepared - begin, "track": tracked - prepared},
-            "registration": registration_record(registrations, character),
+            "selected_frames": selection,
+            "registration": registration_record(registrations, character, mask_record(capture, found)),
         }
         motion = motion_of(observations, results, provenance)
         motion.save(staging)

@@ -1,7 +1,12 @@
 """The public vocabulary, in the order of the pipeline."""
 # ruff: noqa: I001
 
-from .capture import Capture as Capture, Finding as Finding, check as check
+from .capture import (
+    Capture as Capture,
+    Finding as Finding,
+    check as check,
+    choose_frames as choose_frames,
+)
 from .camera import Cameras as Cameras
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .appearance import Appearance as Appearance
@@ -23,7 +28,9 @@ from .track import (
     observe as observe,
     polish as polish,
     read_pose_file as read_pose_file,
+    masks_of as masks_of,
     register as register,
+    segment_person as segment_person,
     track as track,
     with_settings as with_settings,
 )

@@ -14,6 +14,8 @@ import pytest
 
 from jaxmocap._cli import run
 from jaxmocap._cli._output import progress, show
+from jaxmocap.capture import Capture
+from jaxmocap.metrics import silhouette_iou
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_capture, write_capture
 
@@ -277,8 +279,35 @@ def test_register_writes_poses_and_pictures(film, tmp_path, capsys):
     assert record == json.loads((tmp_path / "out" / "registration.json").read_text())
     assert record["2"]["pose"]["l_elbow_flex"] == pytest.approx(20, abs=0.01)
     assert min(record["0"]["iou"]) > 0.85
+    assert record["0"]["masks"] == {"cam0": {"source": "given"}, "cam1": {"source": "given"}}
     names = {path.name for path in (tmp_path / "out").glob("*.png")}
     assert names == {f"overlay_cam{camera}_0000{frame}.png" for camera in (0, 1) for frame in (0, 2)}
+
+
+@pytest.mark.slow
+def test_segment_writes_masks_that_a_capture_can_use_and_chooses_frames(film, tmp_path, capsys):
+    text = (film / "capture.toml").read_text()
+    lines = [line for line in text.splitlines() if not line.startswith(("masks", "selected_frames"))]
+    (film / "capture.toml").write_text("\n".join(lines) + "\n")
+    assert run(["segment", str(film), "--out", str(tmp_path / "out"), "--json"]) == 0
+    out, err = capsys.readouterr()
+    record = json.loads(out)
+    assert record == json.loads((tmp_path / "out" / "segmentation.json").read_text())
+    assert "names no selected_frames; 0, 2 are used" in err
+    names = {f"cam{camera}_0000{frame}.png" for camera in (0, 1) for frame in (0, 2)}
+    assert {path.name for path in (tmp_path / "out" / "masks").iterdir()} == names
+    assert {path.name for path in (tmp_path / "out").glob("*.png")} == {f"overlay_{name}" for name in names}
+    shutil.rmtree(film / "masks")
+    shutil.move(tmp_path / "out" / "masks", film / "masks")
+    (film / "capture.toml").write_text('masks = "masks"\n' + (film / "capture.toml").read_text())
+    used, truth = Capture.open(film), make_capture(4, SIZE).masks
+    for frame in (0, 2):
+        for camera in (0, 1):
+            assert record[str(frame)][f"cam{camera}"]["source"] == "found"
+            assert silhouette_iou(used.mask(camera, frame), truth[frame, camera]) > 0.85
+    assert run(["segment", str(film), "--out", str(tmp_path / "again"), "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["0"]["cam0"] == {"source": "given"}
 
 
 @pytest.mark.slow

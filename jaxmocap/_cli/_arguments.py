@@ -28,6 +28,13 @@ PoseFile = Annotated[
         help_behavior_hint="",
     ),
 ]
+FindMasks = Annotated[
+    bool,
+    tyro.conf.arg(
+        help_behavior_hint="",
+        help="Where the capture has no mask, do not look for the person's outline: the fitted body stands for it.",
+    ),
+]
 Json = Annotated[bool, tyro.conf.arg(help="Print the answer as JSON, alone on standard output.", help_behavior_hint="")]
 Seed = Annotated[int, tyro.conf.arg(metavar="N", help="Seed of all random numbers: same seed, same result.")]
 Settings = Annotated[

@@ -1,4 +1,4 @@
-"""Pictures as files."""
+"""Pictures as files, and masks in words."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,3 +14,8 @@ def write_png(path: Path, image: "np.ndarray") -> None:
     from jaxmocap.motion import write_bytes
 
     write_bytes(path, cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
+
+
+def mask_words(entry: dict) -> str:
+    """An entry of a mask record in a word or two."""
+    return f"{entry['source']} {entry['confidence']:.2f}" if "confidence" in entry else entry["source"]

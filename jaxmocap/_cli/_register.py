@@ -8,9 +8,9 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import CapturePath, Json, PoseFile, Seed
-from ._output import progress, show
-from ._pictures import write_png
+from ._arguments import CapturePath, FindMasks, Json, PoseFile, Seed
+from ._output import progress, say, show
+from ._pictures import mask_words, write_png
 
 if TYPE_CHECKING:
     from jaxmocap.camera import Cameras
@@ -24,11 +24,13 @@ def register(
     out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="New folder for registration.json and the pictures.")],
     seed: Seed = 0,
     pose: PoseFile = None,
+    find_masks: FindMasks = True,
     json: Json = False,
 ) -> int:
     """Fit the actor at the selected frames and draw it over them, to look at before tracking."""
     import jax
 
+    from jaxmocap._complete import mask_record, with_person_masks, with_selected_frames
     from jaxmocap._pipeline import open_character, registration_record
     from jaxmocap.capture import Capture
     from jaxmocap.motion import atomic_folder, write_json
@@ -38,16 +40,20 @@ def register(
     opened = Capture.open(capture)
     character, cameras = open_character(opened), opened.cameras
     overrides = None if pose is None else read_pose_file(pose)
+    opened, _ = with_selected_frames(opened, overrides, say)
     selected = opened.selected_frames or (0,)
     found: dict[int, Registration] = {}
     with atomic_folder(out) as folder, progress() as report:
+        key = jax.random.key(seed)
+        opened, masks = with_person_masks(
+            opened, character, key=key, overrides=overrides, find=find_masks, say=say, progress=report
+        )
         for number, frame in enumerate(selected):
             report("register", number, len(selected))
-            key = jax.random.fold_in(jax.random.key(seed), 1)
-            found |= register(opened, cameras, character, (frame,), key=key, overrides=overrides)
+            found |= register(opened, cameras, character, (frame,), key=jax.random.fold_in(key, 1), overrides=overrides)
             _draw(opened, cameras, character, found[frame], folder)
         report("register", len(selected), len(selected))
-        record = registration_record(found, character)
+        record = registration_record(found, character, mask_record(opened, masks))
         write_json(folder / "registration.json", record)
     show(record, lambda: _table(record, opened.camera_names, out), json_wanted=json)
     return 0
@@ -85,7 +91,7 @@ def _draw(capture: "Capture", cameras: "Cameras", character: "Character", found:
 
 def _table(record: dict[str, Any], cameras: tuple[str, ...], out: Path) -> Table:
     table = Table(title=str(out), title_justify="left")
-    for column in ("Frame", *(f"overlap {name}" for name in cameras), "keypoints, cm", "searched"):
+    for column in ("Frame", *(f"overlap {name}" for name in cameras), "keypoints, cm", "searched", "masks"):
         table.add_column(column, justify="right")
     for frame, found in record.items():
         rms = found["keypoint_rms_m"]
@@ -94,5 +100,6 @@ def _table(record: dict[str, Any], cameras: tuple[str, ...], out: Path) -> Table
             *("" if iou is None else f"{iou:.3f}" for iou in found["iou"]),
             "" if rms is None else f"{100 * rms:.1f}",
             "yes" if found["searched"] else "no",
+            ", ".join(mask_words(entry) for entry in found["masks"].values()),
         )
     return table

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ._arguments import CapturePath, FrameSpan, Json, PoseFile, Seed, Settings, frame_span, named_settings
+from ._arguments import CapturePath, FindMasks, FrameSpan, Json, PoseFile, Seed, Settings, frame_span, named_settings
 from ._output import progress, say, show
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ def track(
     ] = False,
     settings: Settings = (),
     pose: PoseFile = None,
+    find_masks: FindMasks = True,
     overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
     json: Json = False,
 ) -> int:
@@ -48,6 +49,8 @@ def track(
             settings=changes | named_settings(settings),
             overlays=overlays,
             progress=report,
+            find_masks=find_masks,
+            say=say,
         )
     show({"out": out, **summary(motion)}, lambda: sentence(motion, out), json_wanted=json)
     return report_lost(motion)

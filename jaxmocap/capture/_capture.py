@@ -2,10 +2,11 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, UInt8
@@ -23,6 +24,7 @@ from ._video import FrameReader, VideoIndex, index_video
 
 _METRES = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
 _CACHED_IMAGES = 8
+_OPENED = ("timestamps", "cameras", "_undistortions", "_random_access")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +34,8 @@ class Capture:
     A `frame` in every method is a position 0 .. num_frames-1 in the span all cameras share, the same as in
     `cameras.at(frame)` and `timestamps[frame]`. `video_frames[camera, frame]` is its number in that camera's own
     video, by which files are named; `video_frames[0]` are the frame numbers of a result. `selected_frames` are
-    positions too. `findings` are the warnings met while opening.
+    positions too. `findings` are the warnings met while opening. `found_masks` (camera, frame), undistorted, stand in
+    for mask files that are missing (`with_masks`).
     """
 
     folder: Path
@@ -53,6 +56,7 @@ class Capture:
     indices: tuple[VideoIndex, ...]
     video_frames: Int64[np.ndarray, "camera frame"]
     findings: tuple[Finding, ...] = ()
+    found_masks: Mapping[tuple[int, int], Bool[np.ndarray, "height width"]] = field(default_factory=dict)
 
     @staticmethod
     def open(path: str | Path) -> "Capture":
@@ -156,16 +160,40 @@ class Capture:
             return access.images[key]
 
     def mask(self, camera_index: int, frame: int) -> Bool[np.ndarray, "height width"] | None:
-        """The person's mask, undistorted like the image; None if there is no file for this camera and frame."""
+        """The person's mask, undistorted like the image; None if there is none for this camera and frame."""
         own = self._own_frame(camera_index, frame)
-        if self.masks_folder is None:
-            return None
+        found = self.found_masks.get((camera_index, frame))
+        if found is not None or self.masks_folder is None:
+            return found
         file = mask_file(self.masks_folder, self.camera_names[camera_index], own)
         if not file.is_file():
             return None
         mask = read_mask(file, self.sizes[camera_index])
         undistortion = self._undistortions[camera_index]
         return mask if undistortion is None else undistortion.mask(mask)
+
+    def with_masks(self, masks: Mapping[int, Sequence[Bool[np.ndarray, "height width"] | None]]) -> "Capture":
+        """The same capture with masks that were found: frame -> one undistorted mask, or None, per camera."""
+        found = {(camera, frame): m for frame, row in masks.items() for camera, m in enumerate(row) if m is not None}
+        return self._with(found_masks={**self.found_masks, **found})
+
+    def with_selected_frames(self, frames: Sequence[int]) -> "Capture":
+        """The same capture with these selected frames (positions)."""
+        return self._with(selected_frames=tuple(sorted(set(frames))))
+
+    def _with(self, **changes: Any) -> "Capture":
+        """A changed copy that shares the cameras read and the videos opened."""
+        copy = replace(self, **changes)
+        opened = {name: self.__dict__[name] for name in _OPENED if name in self.__dict__}
+        copy.__dict__.update(opened)
+        return copy
+
+    def recorded_mask(
+        self, camera_index: int, mask: Bool[np.ndarray, "height width"]
+    ) -> Bool[np.ndarray, "height width"]:
+        """An undistorted mask as it lies in the recorded video, which is how mask files hold it."""
+        undistortion = self._undistortions[camera_index]
+        return mask if undistortion is None else undistortion.recorded_mask(mask)
 
     def keypoints(self, camera_index: int, frame: int) -> Float64[np.ndarray, "25 3"] | None:
         """OpenPose BODY_25 points x, y, confidence, moved to the undistorted image; None without a file or a person.

@@ -29,6 +29,14 @@ class Undistortion:
         """Nearest pixel; False where the lens saw nothing."""
         return cv2.remap(mask.astype(np.uint8), *self._maps, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT) > 0
 
+    def recorded_mask(self, mask: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:
+        """The inverse of `mask`: an undistorted mask in the recorded video."""
+        height, width = mask.shape
+        rows, columns = np.mgrid[:height, :width]
+        ideal = self.points(np.stack([columns, rows], -1).reshape(-1, 2) + 0.5) - 0.5
+        maps = ideal.reshape(height, width, 2).astype(np.float32)
+        return cv2.remap(mask.astype(np.uint8), maps, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT) > 0  # pyright: ignore
+
     def points(self, points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
         """Pixels of the recorded video -> pixels of the undistorted image."""
         raw = (np.asarray(points, float) - 0.5).reshape(-1, 1, 2)

@@ -1,3 +1,9 @@
+from ._cut_person import (
+    CutSettings as CutSettings,
+    cut_person as cut_person,
+    person_prior as person_prior,
+    signed_distance as signed_distance,
+)
 from ._edges import (
     background_edges as background_edges,
     image_edges as image_edges,
@@ -11,6 +17,11 @@ from ._features import (
     remove_foreground as remove_foreground,
 )
 from ._flow import dense_flow as dense_flow, flow_agrees as flow_agrees, sample_picture as sample_picture
+from ._mask_confidence import (
+    MaskConfidence as MaskConfidence,
+    mask_confidence as mask_confidence,
+    outline_contrast as outline_contrast,
+)
 from ._observe import (
     FrameImages as FrameImages,
     Observations as Observations,
@@ -23,3 +34,4 @@ from ._observe import (
 )
 from ._problem import Clusters as Clusters, Edges as Edges, FrameProblem as FrameProblem, Surface as Surface
 from ._rectangle import Rectangle as Rectangle, place_rectangle as place_rectangle, projected_box as projected_box
+from ._standing_still import standing_still as standing_still

@@ -16,6 +16,13 @@ from ._register import (
     register_frame as register_frame,
 )
 from ._search import GroupSearch as GroupSearch, Stage as Stage, group_searches as group_searches
+from ._segment import (
+    PersonMask as PersonMask,
+    PersonMasks as PersonMasks,
+    SegmentationSettings as SegmentationSettings,
+    masks_of as masks_of,
+    segment_person as segment_person,
+)
 from ._sequence import (
     Progress as Progress,
     key_poses_of as key_poses_of,

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
-from jaxmocap.capture import Capture, check_subject
+from jaxmocap.capture import Capture, check_subject, choose_frames
 from jaxmocap.character import Character, Pose, pose_from_vector, pose_vector, rest_pose, retract, skin
 from jaxmocap.energies import ContourSettings, SearchEnergy, Silhouette, contour_lines
 from jaxmocap.observation import (
@@ -368,12 +368,13 @@ def register(
     start: Pose | None = None,
     settings: RegistrationSettings | None = None,
 ) -> dict[int, Registration]:
-    """Register the mesh at the selected frames of a capture (Gamma), or at `frames`.
+    """Register the mesh at the selected frames of a capture (Gamma), chosen if it names none, or at `frames`.
 
     Raises `InputError` when the keypoints and the cameras cannot both be right (another unit, mirrored cameras).
     """
     key = jax.random.key(0) if key is None else key
-    frames = frames if frames is not None else (capture.selected_frames or (0,))
+    if frames is None:
+        frames = capture.selected_frames or choose_frames(capture, cameras).frames
     if start is None:
         for finding in check_subject(capture, cameras):
             if finding.severity == "error":

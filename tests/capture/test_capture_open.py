@@ -23,6 +23,7 @@ from small_captures import (
 from jaxmocap._results import InputError
 from jaxmocap.camera import project
 from jaxmocap.capture import KEYPOINT_NAMES, Capture
+from jaxmocap.capture._undistortion import Undistortion
 
 
 def _toml(folder: Path, old: str, new: str) -> None:
@@ -390,3 +391,13 @@ def test_the_real_captures_open(data: Path):
     raw = Capture.open(data / "plaza_raw")
     assert raw.cameras_path is None
     assert [index.num_frames for index in raw.indices] == [100, 96]
+
+
+def test_a_mask_found_in_the_undistorted_image_goes_back_to_where_the_video_has_it():
+    matrix = np.array([[300.0, 0, 160], [0, 300.0, 120], [0, 0, 1]])
+    lens = Undistortion(matrix, np.array([-0.25, 0.08, 0.001, -0.002, 0.0]), (320, 240))
+    recorded = np.zeros((240, 320), bool)
+    recorded[30:200, 40:150] = True
+    back = lens.recorded_mask(lens.mask(recorded))
+    assert not np.array_equal(lens.mask(recorded), recorded)
+    assert (back != recorded).sum() < 0.01 * recorded.sum()

@@ -1,0 +1,186 @@
+"""The person's mask in one image, from the projected body, the keypoints and the colours (no hand needed).
+
+GrabCut (Rother et al., SIGGRAPH 2004) with three changes, for its two colour mixtures of the whole picture take a
+striped shirt before bricks for bricks: colours are compared with what is near (the local classifiers of Bai et al.,
+Video SnapCut, SIGGRAPH 2009), the body is a soft prior, and what stays where it is while the person moves is not the
+person.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+_SEED = 0
+_RARE = 0.003  # probability added to every colour
+_LIMBS = (
+    (2, 3), (3, 4), (5, 6), (6, 7), (9, 10), (10, 11), (12, 13), (13, 14),
+    (1, 8), (11, 22), (14, 19), (11, 24), (14, 21),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CutSettings:
+    """Lengths are in units of the square root of the prior's area, about 0.4 of a standing person's height. Weights are
+    in nats.
+
+    `limb`: half the width of the lines drawn between keypoints, which belong to the prior. `prior`: distance from the
+    prior's outline that is worth one nat, up to `prior_most` nats. `skin`: the body's colours count fully this far
+    inside. `sure`: deeper in the prior everything is the person. `band`: further from it nothing is, which leaves room
+    for hair and clothes. `near`: how local colours are. `anywhere`: share of the colours of the whole body and its
+    surroundings. `still`: weight of what stays where it is. `colours`: how many colours are told apart. `sharpness`:
+    weight of all this against the length of the outline.
+    """
+
+    limb: float = 0.025
+    prior: float = 0.03
+    prior_most: float = 6.0
+    skin: float = 0.008
+    sure: float = 0.05
+    band: float = 0.15
+    near: float = 0.1
+    anywhere: float = 0.05
+    still: float = 3.0
+    colours: int = 48
+    sharpness: float = 30.0
+    keypoint_confidence: float = 0.3
+
+
+def person_prior(
+    silhouette: Bool[np.ndarray, "height width"],
+    keypoints: Float[np.ndarray, "25 3"] | None,
+    settings: CutSettings | None = None,
+) -> Bool[np.ndarray, "height width"]:
+    """The projected body and, where it is off, the limbs that keypoints (BODY_25, pixels, confidence) show."""
+    settings = CutSettings() if settings is None else settings
+    if keypoints is None or not silhouette.any():
+        return silhouette
+    lines = np.ones(silhouette.shape, np.uint8)
+    for limb in _LIMBS:
+        if min(keypoints[i, 2] for i in limb) >= settings.keypoint_confidence:
+            ends = np.clip(np.round((keypoints[list(limb), :2] - 0.5) * 16), -(2**19), 2**19).astype(int)
+            cv2.line(lines, ends[0].tolist(), ends[1].tolist(), 0, 1, cv2.LINE_8, 4)
+    if lines.all():
+        return silhouette
+    reach = settings.limb * np.sqrt(silhouette.sum())
+    return silhouette | (cv2.distanceTransform(lines, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= reach)
+
+
+def signed_distance(mask: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
+    """Pixels to the outline of a mask, positive inside."""
+    inside, outside = (
+        cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for part in (mask, ~mask)
+    )
+    return np.where(mask, inside, -outside)
+
+
+def cut_person(
+    image: UInt8[np.ndarray, "height width 3"],
+    prior: Bool[np.ndarray, "height width"],
+    still: Float[np.ndarray, "height width"] | None = None,
+    settings: CutSettings | None = None,
+) -> Bool[np.ndarray, "height width"]:
+    """The person's mask. `prior` is that of `person_prior`, `still` in [0, 1] that of `standing_still`. Empty where the
+    prior is."""
+    settings = CutSettings() if settings is None else settings
+    result = np.zeros(prior.shape, bool)
+    if not prior.any():
+        return result
+    size = float(np.sqrt(prior.sum()))
+    far = signed_distance(prior)
+    rows, columns = np.nonzero(far >= -3 * settings.band * size)
+    window = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
+    picture, distance = np.ascontiguousarray(image[window]), far[window] / size
+    evidence = local_colour_evidence(picture, distance, size, settings)
+    evidence += np.clip(distance / settings.prior, -settings.prior_most, settings.prior_most)
+    if still is not None:
+        evidence -= np.where(distance <= 0, settings.still * still[window], 0.0)
+    labels = np.where(distance > 0, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[distance > settings.sure] = cv2.GC_FGD
+    labels[distance < -settings.band] = cv2.GC_BGD
+    found = _smallest_cut(picture, evidence, labels, settings.sharpness)
+    result[window] = _touching(found, distance > settings.skin)
+    return result
+
+
+def local_colour_evidence(
+    picture: UInt8[np.ndarray, "height width 3"],
+    distance: Float[np.ndarray, "height width"],
+    size: float,
+    settings: CutSettings,
+) -> Float[np.ndarray, "height width"]:
+    """log p(colour | person, near here) - log p(colour | not the person, near here), from histograms whose pixels are
+    weighted by a Gaussian around each place and by how surely the prior says where they belong."""
+    smooth = cv2.cvtColor(cv2.GaussianBlur(picture, (0, 0), 1.0), cv2.COLOR_RGB2LAB)
+    label = _quantised(smooth, settings.colours)
+    inside = np.clip(distance / settings.skin, 0, 1).astype(np.float32) ** 2
+    outside = np.clip(-distance / (settings.band / 2), 0, 1).astype(np.float32) ** 2
+
+    def blurred(values: np.ndarray) -> np.ndarray:
+        return cv2.GaussianBlur(values, (0, 0), settings.near * size)
+
+    total = [blurred(weight) for weight in (inside, outside)]
+    evidence = np.zeros(distance.shape, np.float32)
+    for colour in range(settings.colours):
+        here = label == colour
+        if not here.any():
+            continue
+        share = []
+        for weight, near in zip((inside, outside), total, strict=True):
+            member = np.where(here, weight, np.float32(0))
+            local = blurred(member) / (near + 1e-3)
+            overall = member.sum() / max(float(weight.sum()), 1e-6)
+            share.append((1 - settings.anywhere) * local + settings.anywhere * overall + _RARE)
+        evidence[here] = np.log(share[0] / share[1])[here]
+    return evidence
+
+
+def _quantised(picture: UInt8[np.ndarray, "height width 3"], colours: int) -> Int[np.ndarray, "height width"]:
+    """Nearest of `colours` colours of the picture itself (k-means, always the same)."""
+    pixels = picture.reshape(-1, 3).astype(np.float32)
+    step = max(1, len(pixels) // 20000)
+    cv2.setRNGSeed(_SEED)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 12, 1.0)
+    sample = pixels[::step]
+    _, _, means = cv2.kmeans(sample, min(colours, len(sample)), None, criteria, 1, cv2.KMEANS_PP_CENTERS)  # pyright: ignore
+    squared = (means**2).sum(1) - 2 * pixels @ means.T
+    return squared.argmin(1).reshape(picture.shape[:2])
+
+
+def _smallest_cut(
+    picture: UInt8[np.ndarray, "height width 3"],
+    evidence: Float[np.ndarray, "height width"],
+    labels: UInt8[np.ndarray, "height width"],
+    sharpness: float,
+) -> Bool[np.ndarray, "height width"]:
+    """GrabCut's graph with `evidence` (nats for the person) in place of its mixtures: OpenCV is handed a picture whose
+    first channel is the evidence, and two Gaussians whose log ratio is linear in it. The other channels, lightness and
+    green to red, only say where an outline is cheap."""
+    levels, apart = 3.0, 400.0  # grey levels per nat; distance between the Gaussians' means in grey levels
+    lab = cv2.cvtColor(picture, cv2.COLOR_RGB2LAB)
+    level = np.clip(np.round(evidence * levels + 128), 0, 255).astype(np.uint8)
+    variance = apart * levels / sharpness
+
+    def mixture(mean: float) -> Float[np.ndarray, "1 65"]:
+        model = np.zeros((1, 65))
+        model[0, 0], model[0, 5:8] = 1.0, (mean, 128, 128)
+        model[0, 20:29] = np.diag([variance, 1e6, 1e6]).ravel()
+        return model
+
+    labels = labels.copy()
+    background, person = mixture(128 - apart / 2), mixture(128 + apart / 2)
+    features = np.dstack([level, lab[..., 0], lab[..., 1]])
+    cv2.grabCut(features, labels, None, background, person, 1, cv2.GC_EVAL_FREEZE_MODEL)  # pyright: ignore
+    return (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
+
+
+def _touching(
+    mask: Bool[np.ndarray, "height width"], core: Bool[np.ndarray, "height width"]
+) -> Bool[np.ndarray, "height width"]:
+    """The connected parts of a mask that reach into `core`."""
+    _, parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    keep = np.zeros(parts.max() + 1, bool)
+    keep[parts[core & mask]] = True
+    keep[0] = False
+    return keep[parts]
