@@ -44,8 +44,10 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def open_character(capture: Capture) -> Character:
-    """The capture's actor. Raises `InputError` when it names none."""
+def open_character(capture: Capture, actor: str | Path | None = None) -> Character:
+    """The character in the file `actor`, or else the capture's. Raises `InputError` when there is neither."""
+    if actor is not None:
+        return Character.load(actor)
     if capture.actor is None:
         raise InputError(
             f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF, to capture.toml."
@@ -87,6 +89,7 @@ def track_capture(
     seed: int = 0,
     frames: tuple[int, int] | None = None,
     pose_file: str | Path | None = None,
+    actor: str | Path | None = None,
     tracker: Tracker | None = None,
     overlays: bool = True,
     progress: Report | None = None,
@@ -94,13 +97,14 @@ def track_capture(
     """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
     video per view. Nothing is left behind when it fails.
 
-    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `tracker` replaces the preset.
+    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `actor` is a character's file and
+    `tracker` a tracker, instead of the capture's and the preset.
     """
     tell = progress or (lambda stage, done, total: None)
     begin = time.perf_counter()
     with claim_output(out) as staging:
         capture = Capture.open(path)
-        character = open_character(capture)
+        character = open_character(capture, actor)
         cameras = capture.cameras
         overrides = read_pose_file(pose_file) if pose_file is not None else None
         tracker = Tracker.preset(quality) if tracker is None else tracker
@@ -141,6 +145,7 @@ def track_capture(
             "capture": str(capture.folder.resolve()),
             "capture_name": capture.name,
             "truth": None if capture.truth is None else str(capture.truth.resolve()),
+            "actor": str(actor or capture.actor),
             "quality": quality,
             "polish": tracker.polish is not None,
             "seed": seed,

@@ -28,6 +28,14 @@ PoseFile = Annotated[
         help_behavior_hint="",
     ),
 ]
+ActorFile = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="FILE.glb",
+        help="Character to use, such as fit-character writes.",
+        help_behavior_hint="(default: the capture's actor)",
+    ),
+]
 Json = Annotated[bool, tyro.conf.arg(help="Print the answer as JSON, alone on standard output.", help_behavior_hint="")]
 Seed = Annotated[int, tyro.conf.arg(metavar="N", help="Seed of all random numbers: same seed, same result.")]
 

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import CapturePath, Json, PoseFile, Seed
+from ._arguments import ActorFile, CapturePath, Json, PoseFile, Seed
 from ._output import progress, show
 from ._pictures import write_png
 
@@ -24,6 +24,7 @@ def register(
     out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="New folder for registration.json and the pictures.")],
     seed: Seed = 0,
     pose: PoseFile = None,
+    actor: ActorFile = None,
     json: Json = False,
 ) -> int:
     """Fit the actor at the selected frames and draw it over them, to look at before tracking."""
@@ -36,7 +37,7 @@ def register(
 
     refuse_if_taken(out)
     opened = Capture.open(capture)
-    character, cameras = open_character(opened), opened.cameras
+    character, cameras = open_character(opened, actor), opened.cameras
     overrides = None if pose is None else read_pose_file(pose)
     selected = opened.selected_frames or (0,)
     found: dict[int, Registration] = {}

@@ -11,13 +11,21 @@ from jaxmocap._runtime import prepare
 from ._check import check
 from ._demo import demo
 from ._evaluate import evaluate
+from ._fit_character import fit_character
 from ._register import register
 from ._track import track
 
 YOUR_INPUT, INTERRUPTED = 2, 130
 """Exit codes; a bug of ours passes through, so that Python prints its traceback and exits with 1."""
 
-_COMMANDS = {"demo": demo, "check": check, "register": register, "track": track, "evaluate": evaluate}
+_COMMANDS = {
+    "demo": demo,
+    "check": check,
+    "fit-character": fit_character,
+    "register": register,
+    "track": track,
+    "evaluate": evaluate,
+}
 _DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
 
 Exit codes: 0 done; 2 the input cannot be used, one sentence says why; 3 tracking finished, but lost frames are

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ._arguments import CapturePath, FrameSpan, Json, PoseFile, Seed, frame_span
+from ._arguments import ActorFile, CapturePath, FrameSpan, Json, PoseFile, Seed, frame_span
 from ._output import progress, say, show
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ def track(
         bool, tyro.conf.arg(help_behavior_hint="", help="After each search, follow its energy downhill. Slow.")
     ] = False,
     pose: PoseFile = None,
+    actor: ActorFile = None,
     overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
     json: Json = False,
 ) -> int:
@@ -46,6 +47,7 @@ def track(
             seed=seed,
             frames=span,
             pose_file=pose,
+            actor=actor,
             tracker=tracker,
             overlays=overlays,
             progress=report,
