@@ -31,7 +31,7 @@ class CharacterFitSettings:
 
     prior: ShapePrior = field(default_factory=ShapePrior)
     keypoint_scale: float = 0.01
-    robust: tuple[float, ...] = (0.15, 0.05)
+    robust: tuple[float, ...] = (0.15, 0.05, 0.03)
     mask_rounds: int = 5
     refiner: AbstractRefiner = field(default_factory=lambda: LeastSquares(smoothing=(1e-2,), max_steps=100))
     pose_refiner: AbstractRefiner = field(default_factory=Shooting)
