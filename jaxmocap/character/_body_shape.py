@@ -103,14 +103,16 @@ def bone_lengths(skeleton: Skeleton) -> dict[str, Float[Array, ""]]:
         "shoulders": distance("l_shoulder", "r_shoulder"),
         "hips": distance("l_hip", "r_hip"),
     }
-    limbs = {name: 0.5 * sum(distance(f"{s}_{a}", f"{s}_{b}") for s in "lr") for name, (a, b) in _BONES.items()}
+    limbs = {
+        name: 0.5 * (distance(f"l_{a}", f"l_{b}") + distance(f"r_{a}", f"r_{b}")) for name, (a, b) in _BONES.items()
+    }
     return trunk | limbs
 
 
 def _stretch(skeleton: Skeleton, shape: BodyShape) -> Float[Array, "bone 3 3"]:
     """What each body's stretch adds to the identity."""
-    length = dict(zip(LENGTHS, jnp.expm1(shape.height + shape.lengths), strict=True))
-    girth = dict(zip(GIRTHS, jnp.expm1(shape.height + shape.girths), strict=True))
+    length: dict[str, Array] = dict(zip(LENGTHS, jnp.expm1(shape.height + shape.lengths), strict=True))
+    girth: dict[str, Array] = dict(zip(GIRTHS, jnp.expm1(shape.height + shape.girths), strict=True))
     parts = []
     for name in skeleton.body_names:
         part = name.removeprefix("l_").removeprefix("r_")

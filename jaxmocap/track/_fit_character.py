@@ -151,8 +151,8 @@ def _usable_frames(capture: Capture, cameras: Cameras, frames: Sequence[int] | N
 def _padded(rays: LandmarkRays, num_cameras: int) -> LandmarkRays:
     """As many rows as there can be, the last ones without weight, so that frames can be stacked."""
     missing = num_cameras * len(_POINTS) - len(rays.weight)
-    grown = [jnp.pad(leaf, [(0, missing)] + [(0, 0)] * (leaf.ndim - 1)) for leaf in jax.tree.leaves(rays)[:4]]
-    return LandmarkRays(*grown, rays.scale, rays.robust)
+    grown = lambda leaf: jnp.pad(leaf, [(0, missing)] + [(0, 0)] * (leaf.ndim - 1)) if leaf.ndim else leaf  # noqa: E731
+    return jax.tree.map(grown, rays)
 
 
 def _stacked(values: list):

@@ -46,7 +46,14 @@ def outlines(character: Character, poses: Sequence[Pose], problems: list[FramePr
     """Contour points of the posed mesh tied to the masks (Gall et al. 2009), for round `number`: every row with its
     scale and its Geman-McClure scale in metres, each array with a leading frame axis."""
     wide = number < _WIDE_ROUNDS
-    settings = ContourSettings(reach=30 if wide else 15, step=6, capacity=512, accept_cosine=0.5, accept_score=0.8)
+    settings = ContourSettings(
+        reach=30 if wide else 15,
+        step=6,
+        capacity=512,
+        inside=True,
+        accept_cosine=jnp.asarray(0.5),
+        accept_score=jnp.asarray(0.8),
+    )
     lines = []
     for pose, problem in zip(poses, problems, strict=True):
         vertices, ids, inverse = draw(character, pose, problem)

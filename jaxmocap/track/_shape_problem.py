@@ -35,14 +35,15 @@ _COUPLED = {"torso": ("shoulders", "hips")} | {name: (name,) for name in GIRTHS 
 class ShapePrior(eqx.Module):
     """Independent Gaussians that keep a fitted body human; logarithms of scales but for `offset` (metres).
 
-    Standard deviations are rounded from the coefficients of variation in Gordon et al., 2012 Anthropometric Survey of
-    U.S. Army Personnel (NATICK/TR-15/007, 2014): stature 4 % within and 5 to 6 % across the sexes, lengths of limb
-    segments and breadths of shoulders and hips 4 to 6 %, girths of limbs 7 to 10 %, of the waist 12 %; head, hand and
-    foot (`extremity`) vary least given the stature. The means are the generic character's own proportions; a girth's is
-    `coupling` times its bone's length. `offset` allows a
-    detector's points (annotators' idea of a joint, on the skin) to lie elsewhere than the skeleton's landmarks, by the
-    same vector in all frames, mirrored between the sides. `posture` bends of spine, neck and collar bone, as shares of
-    their limits, and `angle` (radians) keeps what no keypoint shows. `widest` standard deviations are never exceeded.
+    The standard deviations are ours, of the order of the coefficients of variation among adults (Gordon et al., 2012
+    Anthropometric Survey of U.S. Army Personnel, NATICK/TR-15/007, 2014): about 4 % of stature within a sex, 5 % of the
+    lengths of segments and of breadths, 10 % of girths; head, hand and foot (`extremity`) less. The means are the
+    generic character's own proportions; a girth's is `coupling` times its bone's length.
+
+    `offset` lets a detector's points (an annotator's idea of a joint, on the skin) lie elsewhere than the skeleton's
+    landmarks, by the same vector in all frames, mirrored between the sides. `posture` bounds how far spine, neck and
+    collar bones bend, as shares of their limits; `angle` (radians) keeps what no keypoint shows near the start.
+    `widest` standard deviations are never exceeded.
     """
 
     height: Scalar = knob(0.06)
@@ -138,7 +139,7 @@ class ShapeProblem(eqx.Module):
             prior=jnp.zeros(self.num_shared + frames * 39),
             lower=jnp.concatenate([-shared, lower]),
             upper=jnp.concatenate([shared, upper]),
-            l1=0.0,
+            l1=jnp.asarray(0.0),
             prior_weight=jnp.concatenate([jnp.ones(self.num_shared), pull]),
         )
 
