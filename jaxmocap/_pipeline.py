@@ -47,8 +47,10 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def open_character(capture: Capture) -> Character:
-    """The capture's actor. Raises `InputError` when it names none."""
+def open_character(capture: Capture, actor: str | Path | None = None) -> Character:
+    """The character in the file `actor`, or else the capture's. Raises `InputError` when there is neither."""
+    if actor is not None:
+        return Character.load(actor)
     if capture.actor is None:
         raise InputError(
             f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF, to capture.toml."
@@ -91,6 +93,7 @@ def track_capture(
     seed: int = 0,
     frames: tuple[int, int] | None = None,
     pose_file: str | Path | None = None,
+    actor: str | Path | None = None,
     tracker: Tracker | None = None,
     settings: Mapping[str, Any] | None = None,
     overlays: bool = True,
@@ -101,16 +104,16 @@ def track_capture(
     """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
     video per view. Nothing is left behind when it fails.
 
-    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `tracker` replaces the preset,
-    `settings` change single settings of it by name (`with_settings`). Selected frames that the capture does not name
-    are chosen, and masks it does not have are found (unless `find_masks` is off); the report says so, and `say` is told
-    at once, also when a mask is doubtful.
+    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `actor` is a character's file and
+    `tracker` a tracker, instead of the capture's and the preset; `settings` change single settings of the tracker by
+    name (`with_settings`). Selected frames that the capture does not name are chosen, and masks it does not have are
+    found (unless `find_masks` is off); the report says so, and `say` is told at once, also when a mask is doubtful.
     """
     tell = progress or (lambda stage, done, total: None)
     begin = time.perf_counter()
     with claim_output(out) as staging:
         capture = Capture.open(path)
-        character = open_character(capture)
+        character = open_character(capture, actor)
         cameras = capture.cameras
         overrides = read_pose_file(pose_file) if pose_file is not None else None
         tracker = with_settings(Tracker.preset(quality) if tracker is None else tracker, settings or {})
@@ -161,6 +164,7 @@ def track_capture(
             "capture": str(capture.folder.resolve()),
             "capture_name": capture.name,
             "truth": None if capture.truth is None else str(capture.truth.resolve()),
+            "actor": str(actor or capture.actor),
             "quality": quality,
             "settings": {name: str(value) for name, value in (settings or {}).items()},
             "seed": seed,

@@ -21,10 +21,13 @@ from .samplers import (
 from .refiners import LeastSquares as LeastSquares, Shooting as Shooting
 from .motion import Motion as Motion
 from .track import (
+    CharacterFit as CharacterFit,
+    CharacterFitSettings as CharacterFitSettings,
     PolishPlan as PolishPlan,
     Registration as Registration,
     Tracker as Tracker,
     appearance_preset as appearance_preset,
+    fit_character as fit_character,
     observe as observe,
     polish as polish,
     read_pose_file as read_pose_file,

@@ -181,6 +181,24 @@ def test_pose_files_that_cannot_be_used_are_refused(content, words, film, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("command", ["track", "register", "fit-character"])
+def test_an_actor_that_is_not_there_is_refused(command, film, tmp_path, capsys):
+    out = tmp_path / "out.glb"
+    assert "nobody.glb" in refused([command, film, "--out", out, "--actor", tmp_path / "nobody.glb"], capsys)
+    assert not out.exists()
+
+
+def test_characters_are_not_fitted_to_too_few_frames_nor_written_over_others(film, tmp_path, capsys):
+    out = tmp_path / "fitted.glb"
+    assert "needs 3 such frames" in refused(["fit-character", film, "--out", out], capsys)
+    assert "no frame 7" in refused(["fit-character", film, "--out", out, "--at", 0, 2, 7], capsys)
+    assert not out.exists()
+    assert "ends in .glb" in refused(["fit-character", film, "--out", tmp_path / "fitted.obj"], capsys)
+    out.write_bytes(b"of another")
+    assert "exists already" in refused(["fit-character", film, "--out", out], capsys)
+    assert out.read_bytes() == b"of another"
+
+
 def test_a_demo_of_one_frame_is_refused(tmp_path, capsys):
     assert "at least 2" in refused(["demo", "--out", tmp_path / "demo", "--frames", "1"], capsys)
 
@@ -273,7 +291,11 @@ def test_an_interrupted_run_leaves_nothing_behind(film, tmp_path):
 @pytest.mark.slow
 def test_register_writes_poses_and_pictures(film, tmp_path, capsys):
     (tmp_path / "pose.json").write_text('{"2": {"l_elbow_flex": 20}}')
+    shutil.move(film / "actor.glb", tmp_path / "elsewhere.glb")
+    toml = film / "capture.toml"
+    toml.write_text(toml.read_text().replace('actor = "actor.glb"\n', ""))
     arguments = ["register", film, "--out", tmp_path / "out", "--pose", tmp_path / "pose.json", "--json"]
+    arguments += ["--actor", tmp_path / "elsewhere.glb"]
     assert run([str(argument) for argument in arguments]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record == json.loads((tmp_path / "out" / "registration.json").read_text())

@@ -35,6 +35,14 @@ FindMasks = Annotated[
         help="Where the capture has no mask, do not look for the person's outline: the fitted body stands for it.",
     ),
 ]
+ActorFile = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="FILE.glb",
+        help="Character to use, such as fit-character writes.",
+        help_behavior_hint="(default: the capture's actor)",
+    ),
+]
 Json = Annotated[bool, tyro.conf.arg(help="Print the answer as JSON, alone on standard output.", help_behavior_hint="")]
 Seed = Annotated[int, tyro.conf.arg(metavar="N", help="Seed of all random numbers: same seed, same result.")]
 Settings = Annotated[

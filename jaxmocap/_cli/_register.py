@@ -8,7 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import CapturePath, FindMasks, Json, PoseFile, Seed
+from ._arguments import ActorFile, CapturePath, FindMasks, Json, PoseFile, Seed
 from ._output import progress, say, show
 from ._pictures import mask_words, write_png
 
@@ -25,6 +25,7 @@ def register(
     seed: Seed = 0,
     pose: PoseFile = None,
     find_masks: FindMasks = True,
+    actor: ActorFile = None,
     json: Json = False,
 ) -> int:
     """Fit the actor at the selected frames and draw it over them, to look at before tracking."""
@@ -38,7 +39,7 @@ def register(
 
     refuse_if_taken(out)
     opened = Capture.open(capture)
-    character, cameras = open_character(opened), opened.cameras
+    character, cameras = open_character(opened, actor), opened.cameras
     overrides = None if pose is None else read_pose_file(pose)
     opened, _ = with_selected_frames(opened, overrides, say)
     selected = opened.selected_frames or (0,)

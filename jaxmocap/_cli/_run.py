@@ -11,6 +11,7 @@ from jaxmocap._runtime import prepare
 from ._check import check
 from ._demo import demo
 from ._evaluate import evaluate
+from ._fit_character import fit_character
 from ._register import register
 from ._segment import segment
 from ._track import track
@@ -22,6 +23,7 @@ _COMMANDS = {
     "demo": demo,
     "check": check,
     "segment": segment,
+    "fit-character": fit_character,
     "register": register,
     "track": track,
     "evaluate": evaluate,

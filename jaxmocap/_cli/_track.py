@@ -5,7 +5,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from ._arguments import CapturePath, FindMasks, FrameSpan, Json, PoseFile, Seed, Settings, frame_span, named_settings
+from ._arguments import (
+    ActorFile,
+    CapturePath,
+    FindMasks,
+    FrameSpan,
+    Json,
+    PoseFile,
+    Seed,
+    Settings,
+    frame_span,
+    named_settings,
+)
 from ._output import progress, say, show
 
 if TYPE_CHECKING:
@@ -29,6 +40,7 @@ def track(
     settings: Settings = (),
     pose: PoseFile = None,
     find_masks: FindMasks = True,
+    actor: ActorFile = None,
     overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
     json: Json = False,
 ) -> int:
@@ -46,6 +58,7 @@ def track(
             seed=seed,
             frames=span,
             pose_file=pose,
+            actor=actor,
             settings=changes | named_settings(settings),
             overlays=overlays,
             progress=report,

@@ -19,12 +19,14 @@ class ContourSettings(eqx.Module):
     orientation"; the numbers are ours.
 
     `contours` "outer" is the silhouette (the paper); "outer+occluding" adds depth discontinuities inside it. `step`
-    takes every step-th contour pixel. `capacity` bounds the contour pixels per view.
+    takes every step-th contour pixel. `capacity` bounds the contour pixels per view. `inside` says that edge pixels are
+    the outermost ones of a mask, whose outline is half a pixel further out.
     """
 
     reach: int = eqx.field(static=True, default=15)
     step: int = eqx.field(static=True, default=2)
     capacity: int = eqx.field(static=True, default=2048)
+    inside: bool = eqx.field(static=True, default=False)
     contours: Literal["outer", "outer+occluding"] = eqx.field(static=True, default="outer")
     colour_scale: Knob = knob(0.3)
     accept_score: Knob = knob(0.5)
@@ -148,6 +150,8 @@ def contour_lines(
             problem.surface.has_colour[camera, face],
             settings,
         )
+        if settings.inside:
+            targets = targets - 0.5 * points.normal
         # The silhouette's edge lies half a pixel outside the outermost covered pixel's centre.
         here = jnp.stack([points.column, points.row], -1).astype(jnp.float32) - 0.5 * points.normal
         corner = problem.origins[camera, ::-1].astype(jnp.float32) + 0.5

@@ -179,7 +179,7 @@ def _touching(
     mask: Bool[np.ndarray, "height width"], core: Bool[np.ndarray, "height width"]
 ) -> Bool[np.ndarray, "height width"]:
     """The connected parts of a mask that reach into `core`."""
-    _, parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[1].astype(int)
     keep = np.zeros(parts.max() + 1, bool)
     keep[parts[core & mask]] = True
     keep[0] = False

@@ -2,6 +2,11 @@
 
 from ._confidence import Verdict as Verdict, VerdictSettings as VerdictSettings, judge as judge
 from ._economy import Calm as Calm, Hindsight as Hindsight, Retry as Retry
+from ._fit_character import (
+    CharacterFit as CharacterFit,
+    CharacterFitSettings as CharacterFitSettings,
+    fit_character as fit_character,
+)
 from ._frame import FrameResult as FrameResult, FrameTracker as FrameTracker
 from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, keypoint_rays as keypoint_rays
 from ._polish import PolishPlan as PolishPlan, polish as polish
@@ -32,6 +37,7 @@ from ._sequence import (
     track_frames as track_frames,
 )
 from ._settings import with_settings as with_settings
+from ._shape_problem import ShapePrior as ShapePrior
 from ._surface_flow import FlowSettings as FlowSettings, Source as Source, surface_flow as surface_flow
 from ._tracker import (
     Effort as Effort,

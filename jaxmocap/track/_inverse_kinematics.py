@@ -39,7 +39,10 @@ BODY_25 = {
 }
 """Which landmarks, averaged, an OpenPose BODY_25 point is."""
 
-LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3}
+FACE = {15: ("r_eye",), 16: ("l_eye",), 17: ("r_ear",), 18: ("l_ear",)}
+"""The points of BODY_25 that say where the head looks."""
+
+LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3} | dict.fromkeys(FACE, 0.3)
 """Points whose definition differs between a detector and a skeleton count less."""
 
 
@@ -49,8 +52,10 @@ def keypoint_rays(
     keypoints: list[Float[np.ndarray, "25 3"] | None],
     scale: float = 0.02,
     robust: float = 0.1,
+    table: dict[int, tuple[str, ...]] = BODY_25,
 ) -> LandmarkRays:
-    """Rows for every keypoint found in every view. `scale` metres count as 1, beyond `robust` metres a point fades."""
+    """Rows for every keypoint of `table` found in every view. `scale` metres count as 1, beyond `robust` metres a point
+    fades."""
     names = character.skeleton.landmark_names
     mix, direction, moment, weight = [], [], [], []
     for camera, points in enumerate(keypoints):
@@ -59,7 +64,7 @@ def keypoint_rays(
         _, found, moments = rays(
             view.intrinsics[camera], view.cam_from_world[camera], jnp.asarray(points[:, :2], jnp.float32)
         )
-        for index, parts in BODY_25.items():
+        for index, parts in table.items():
             if points[index, 2] <= 0 or any(part not in names for part in parts):
                 continue
             row = np.zeros(len(names), np.float32)

@@ -32,10 +32,17 @@ class LandmarkRays(eqx.Module):
     robust: Float[Array, ""]
 
     def __call__(self, character: Character, pose: Pose) -> Float[Array, "rows"]:
-        points = self.mix @ landmark_positions(character.skeleton, pose)
-        error = jnp.cross(points, self.direction) - self.moment
+        return self.of(landmark_positions(character.skeleton, pose))
+
+    def of(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "rows"]:
+        """The residual of landmarks that stand here, in the world."""
+        error = self.distances(landmarks)
         square = jnp.sum(error**2, axis=-1) / self.robust**2
         return (error * (jnp.sqrt(self.weight) * jax.lax.rsqrt(1.0 + square) / self.scale)[:, None]).reshape(-1)
+
+    def distances(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "row 3"]:
+        """Vectors as long as the distance from each row's point to its ray, metres, unweighted."""
+        return jnp.cross(self.mix @ landmarks, self.direction) - self.moment
 
 
 class Prior(NamedTuple):

@@ -1,0 +1,101 @@
+"""`jaxmocap fit-character`: a generic character made to the measure of the filmed person."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+from rich.table import Table
+
+from jaxmocap._results import InputError
+
+from ._arguments import ActorFile, CapturePath, Json
+from ._output import progress, show
+
+if TYPE_CHECKING:
+    from jaxmocap.character import Character
+    from jaxmocap.track import CharacterFit
+
+
+def fit_character(
+    capture: CapturePath,
+    out: Annotated[Path, tyro.conf.arg(metavar="CHARACTER.glb", help="New file for the fitted character.")],
+    actor: ActorFile = None,
+    at: Annotated[
+        tuple[int, ...],
+        tyro.conf.arg(
+            metavar="N",
+            help="Frames to fit at, three or more, with keypoints in two views.",
+            help_behavior_hint="(default: the selected frames)",
+        ),
+    ] = (),
+    json: Json = False,
+) -> int:
+    """Fit bone lengths and girths of a generic actor to the person filmed, for use as `--actor` or in capture.toml."""
+    from jaxmocap._pipeline import open_character
+    from jaxmocap.capture import Capture
+    from jaxmocap.motion import atomic_path
+    from jaxmocap.track import fit_character
+
+    _refuse_unusable(out)
+    opened = Capture.open(capture)
+    generic = open_character(opened, actor)
+    with progress() as report:
+        fit = fit_character(opened, opened.cameras, generic, at or None, progress=report)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(out) as temporary:
+        fit.character.save_glb(temporary)
+    record = fit_record(fit, generic)
+    show({"out": out, **record}, lambda: _table(record, out), json_wanted=json)
+    return 0
+
+
+def _refuse_unusable(out: Path) -> None:
+    if out.suffix.lower() != ".glb":
+        raise InputError(f"--out is {out}; a fitted character is written as a file that ends in .glb.")
+    if out.exists():
+        raise InputError(f"{out} exists already; choose a new file with --out.")
+
+
+def fit_record(fit: "CharacterFit", generic: "Character") -> dict[str, Any]:
+    """What was fitted, in centimetres; scales are relative to the generic character."""
+    import numpy as np
+
+    from jaxmocap.character import GIRTHS, bone_lengths
+
+    before, after = bone_lengths(generic.skeleton), bone_lengths(fit.character.skeleton)
+    height, girths = fit.shape.height, np.exp(np.asarray(fit.shape.height + fit.shape.girths))
+    centimetres = lambda metres: round(100 * float(metres), 2)  # noqa: E731
+    return {
+        "frames": list(fit.poses),
+        "masks": fit.num_masks,
+        "height_scale": round(float(np.exp(height)), 4),
+        "bones_cm": {
+            name: {"generic": centimetres(before[name]), "fitted": centimetres(after[name])} for name in before
+        },
+        "girth_scales": {name: round(float(scale), 4) for name, scale in zip(GIRTHS, girths, strict=True)},
+        "detector_offsets_cm": {name: [centimetres(v) for v in offset] for name, offset in fit.offsets.items()},
+        "keypoint_error_cm": {"generic": centimetres(fit.generic_error), "fitted": centimetres(fit.keypoint_error)},
+    }
+
+
+def _table(record: dict[str, Any], out: Path) -> Table:
+    source = f"{record['masks']} masks" if record["masks"] else "no masks: girths follow the lengths"
+    error = record["keypoint_error_cm"]
+    table = Table(
+        title=f"{out}: fitted at frames {', '.join(map(str, record['frames']))}; {source}",
+        title_justify="left",
+        caption=f"keypoints off by {error['fitted']:.1f} cm in the median, {error['generic']:.1f} cm before",
+    )
+    for column in ("Bone", "generic, cm", "fitted, cm", "length", "girth"):
+        table.add_column(column, justify="left" if column == "Bone" else "right")
+    for name, bone in record["bones_cm"].items():
+        girth = record["girth_scales"].get(name)
+        change = 100 * (bone["fitted"] / bone["generic"] - 1)
+        table.add_row(
+            name.replace("_", " "),
+            f"{bone['generic']:.1f}",
+            f"{bone['fitted']:.1f}",
+            f"{change:+.1f} %",
+            "" if girth is None else f"{100 * (girth - 1):+.1f} %",
+        )
+    return table
