@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
-from jaxmocap.character import Pose, beside, difference, retract, skin
+from jaxmocap.character import Pose, beside, clamp, difference, retract, skin
 from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle, build_problem
 from jaxmocap.refiners import Shooting
 
@@ -141,13 +141,9 @@ class FrameTracker:
         if self.tracker.flow_start:
             start, speed = self.flow_start(shown, past, clock)
         problem, rectangle = self._problem(shown, start, speed, clock)
-        candidates = [past.pose, start]
-        if shown.frame in self.observations.key_poses:
-            registered = self.observations.key_poses[shown.frame]
-            candidates.append(beside(self.character.skeleton, registered, past.pose))
         with clock.stage("score"):
-            totals, _ = self.score(problem, candidates)
-        pose, deviation, hessian = candidates[int(np.argmin(totals))], np.zeros(39), None
+            pose = self._best_start(shown, problem, past, start)
+        deviation, hessian = np.zeros(39), None
         if self.search is not None:
             pose, deviation = self.search(pose, problem, shown.frame, past, clock)
         if self.tracker.polish is not None:
@@ -157,6 +153,28 @@ class FrameTracker:
             with clock.stage("refine"):
                 pose, hessian = self.refinement(pose, shown, problem, rectangle, past)
         return self._finish(shown, problem, rectangle, pose, deviation, hessian, clock)
+
+    def _best_start(self, shown: FrameImages, problem: FrameProblem, past: Past, start: Pose) -> Pose:
+        """The last pose, the flow start or the registered pose, whichever scores best; with `prediction` its root,
+        torso and limbs one by one where the last motion would lead, if that scores better."""
+        skeleton = self.character.skeleton
+        candidates = [past.pose, start]
+        if shown.frame in self.observations.key_poses:
+            candidates.append(beside(skeleton, self.observations.key_poses[shown.frame], past.pose))
+        totals, _ = self.score(problem, candidates)
+        best = int(np.argmin(totals))
+        pose = candidates[best]
+        if not self.tracker.prediction or not past.increments or best == 2:
+            return pose
+        ahead = clamp(skeleton, retract(skeleton, past.pose, jnp.asarray(past.increments[-1])))
+        step = np.asarray(difference(skeleton, pose, ahead))
+        parts = np.stack([np.isin(np.arange(39), dofs) for _, dofs in skeleton.groups])
+        moved = [retract(skeleton, pose, jnp.asarray(step * part)) for part in parts]
+        totals, _ = self.score(problem, [pose, *moved, ahead])
+        gained = parts[totals[1:-1] < totals[0]].any(0)
+        both = retract(skeleton, pose, jnp.asarray(step * gained))
+        candidates, last = [pose, *moved, ahead, both], self.score(problem, [both])[0]
+        return candidates[int(np.argmin(np.append(totals, last)))]
 
     def look_back(self) -> list[FrameResult]:
         """Results of earlier frames that the last one has shown to be wrong, found anew."""

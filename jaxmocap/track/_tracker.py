@@ -104,7 +104,8 @@ class Tracker:
     of Figs. 12 and 14). `polish` follows the search downhill on its own energy before the refinement; not in the paper.
     `flow_start` starts each frame from optical flow (sec. 4.1, Initialization). `angles` "roomier" begins each frame
     with those of the two sets of angles of a shoulder or hip that are farther from the joint limits (the same
-    rotation, see `character.roomier`); "same" is the paper.
+    rotation, see `character.roomier`); "same" is the paper. `prediction` starts the root, the torso and each limb
+    where the last motion would lead if that scores better than the flow; the paper does not.
     """
 
     search_energy: SearchEnergy = field(default_factory=search_energy)
@@ -112,6 +113,7 @@ class Tracker:
     refine: RefinePlan | None = field(default_factory=RefinePlan)
     polish: PolishPlan | None = None
     flow_start: bool = True
+    prediction: bool = False
     angles: AngleChoice = "same"
     flow: FlowSettings = field(default_factory=FlowSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
@@ -137,10 +139,10 @@ class Tracker:
         if quality == "normal":
             economy = {"calm": Calm(), "retry": Retry(), "hindsight": Hindsight()}
             search = SearchPlan(efforts, particles=96, trunk=0.6, **economy)
-            return Tracker(fast, search, plan, angles="roomier")
+            return Tracker(fast, search, plan, prediction=True, angles="roomier")
         if quality == "draft":
             coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6)
-            return Tracker(fast, coarse, replace(plan, rounds=2), angles="roomier")
+            return Tracker(fast, coarse, replace(plan, rounds=2), prediction=True, angles="roomier")
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
 
 
