@@ -1,5 +1,6 @@
-"""What has to be settled before JAX starts: where compiled programs are kept, and how many CPU devices there are."""
+"""The process: where compiled programs are kept, how many CPU devices there are, and its memory."""
 
+import ctypes
 import os
 import sys
 from pathlib import Path
@@ -27,6 +28,14 @@ def prepare() -> None:
 
         for name in ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"):
             jax.config.update(name, type(settings[name])(os.environ[name.upper()]))
+
+
+def release_memory() -> None:
+    """Give memory that is free back to the system, where the C library (glibc) can: compiling leaves much behind."""
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
 
 
 def _cores() -> int:

@@ -22,6 +22,11 @@ class Rectangle:
     width: int
     area: float
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.height, self.width
+
     def crop(self, image: np.ndarray, camera: int) -> np.ndarray:
         """The rectangle of one view's image."""
         return image[self.window(camera)]

@@ -30,9 +30,9 @@ class Retry:
     paper does not."""
 
     uncovered: float = 0.015
-    foreign: float = 0.48
+    foreign: float = 0.55
     wide: float = 0.5
-    tries: int = 3
+    tries: int = 2
     margin: float = 0.002
 
 

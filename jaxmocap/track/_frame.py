@@ -21,6 +21,7 @@ from ._polish import polish
 from ._refine import Refinement
 from ._register import draw, frame_rectangle
 from ._score import PoseScore, Seen, look_at, unexplained
+from ._search import forget_programs
 from ._surface_flow import picture_source, surface_flow
 from ._tracker import Tracker
 
@@ -118,8 +119,10 @@ class FrameTracker:
 
     def _problem(self, shown: FrameImages, pose: Pose, speed, clock: Clock) -> tuple[FrameProblem, Rectangle]:
         with clock.stage("background"):
-            vertices = np.asarray(skin(self.character, pose))
-            self.rectangle = frame_rectangle(vertices, self.cameras, shown.frame, self.rectangle, speed)
+            vertices, before = np.asarray(skin(self.character, pose)), self.rectangle
+            self.rectangle = frame_rectangle(vertices, self.cameras, shown.frame, before, speed)
+            if before is not None and before.size != self.rectangle.size:
+                forget_programs()
             edges = self.tracker.refine.edges if self.tracker.refine is not None else "canny"
             return self.observations.problem(shown, self.rectangle, pose, edges), self.rectangle
 

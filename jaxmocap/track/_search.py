@@ -224,6 +224,11 @@ def _search(
     )
 
 
+def forget_programs() -> None:
+    """Drop the compiled searches. Those made for a smaller rectangle are not needed again, and hold 100 MB each."""
+    _search._cached.clear_cache()
+
+
 def _power(count: float, least: int = 256) -> int:
     return max(least, 2 ** int(np.ceil(np.log2(max(count, 1)))))
 

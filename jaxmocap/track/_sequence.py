@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import PRNGKeyArray
 
 from jaxmocap._results import InputError
+from jaxmocap._runtime import release_memory
 from jaxmocap.appearance import Appearance
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture
@@ -82,6 +83,7 @@ def track_frames(
         for shown in shown_frames:
             is_start = shown.frame == start
             result = worker.first(shown, observations.key_poses[start]) if is_start else worker.track(shown)
+            release_memory()
             if shown.frame not in results:
                 results[shown.frame] = result
                 for revised in worker.look_back():
