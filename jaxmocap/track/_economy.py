@@ -30,9 +30,9 @@ class Retry:
     paper does not."""
 
     uncovered: float = 0.015
-    foreign: float = 0.55
+    foreign: float = 0.48
     wide: float = 0.5
-    tries: int = 2
+    tries: int = 3
     margin: float = 0.002
 
 
