@@ -33,7 +33,7 @@ class Retry:
     foreign: float = 0.48
     wide: float = 0.5
     tries: int = 3
-    margin: float = 0.002
+    margin: float = 0.005
 
 
 @dataclass(frozen=True)

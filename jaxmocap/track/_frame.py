@@ -3,6 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, PRNGKeyArray
@@ -21,7 +22,6 @@ from ._polish import polish
 from ._refine import Refinement
 from ._register import draw, frame_rectangle
 from ._score import PoseScore, Seen, look_at, unexplained
-from ._search import forget_programs
 from ._surface_flow import picture_source, surface_flow
 from ._tracker import Tracker
 
@@ -122,7 +122,7 @@ class FrameTracker:
             vertices, before = np.asarray(skin(self.character, pose)), self.rectangle
             self.rectangle = frame_rectangle(vertices, self.cameras, shown.frame, before, speed)
             if before is not None and before.size != self.rectangle.size:
-                forget_programs()
+                jax.clear_caches()  # programs of the smaller rectangle are not needed again and hold 100 to 250 MB each
             edges = self.tracker.refine.edges if self.tracker.refine is not None else "canny"
             return self.observations.problem(shown, self.rectangle, pose, edges), self.rectangle
 

@@ -150,16 +150,17 @@ def wide_population(
     outer: Bool[Array, "group_dof"],
 ) -> Float[Array, "extra group_dof"] | None:
     """First particles for a limb that moves faster than expected, or that was lost. In turn: Gaussian with three times
-    the spread; drawn evenly from the whole box (not farther than twelve times the spread); and drawn evenly for the
-    `outer` DOFs but Gaussian for the others, for a forearm or shin that left its place alone."""
+    the spread; drawn evenly from the box, not farther than twelve times the spread; and for the `outer` DOFs drawn
+    evenly from all of it but Gaussian for the others, for a forearm or shin that left its place alone."""
     if count == 0:
         return None
     near_key, far_key = jax.random.split(key)
     normal = spread * jax.random.normal(near_key, (count, spread.shape[0]))
     low, high = jnp.maximum(lower, -12 * spread), jnp.minimum(upper, 12 * spread)
-    far = jax.random.uniform(far_key, normal.shape, minval=low, maxval=high)
+    even = jax.random.uniform(far_key, normal.shape)
     turn = jnp.arange(count)[:, None] % 3
-    values = jnp.select([turn == 0, turn == 1], [3.0 * normal, far], jnp.where(outer, far, normal))
+    anywhere = jnp.where(outer, lower + even * (upper - lower), normal)
+    values = jnp.select([turn == 0, turn == 1], [3.0 * normal, low + even * (high - low)], anywhere)
     return jnp.clip(values, lower, upper)
 
 
@@ -222,11 +223,6 @@ def _search(
         needed_base=jnp.stack(needed_base).max(),
         needed_far=jnp.stack(needed_far).max(),
     )
-
-
-def forget_programs() -> None:
-    """Drop the compiled searches. Those made for a smaller rectangle are not needed again, and hold 100 MB each."""
-    _search._cached.clear_cache()
 
 
 def _power(count: float, least: int = 256) -> int:
