@@ -13,7 +13,7 @@ from jaxmocap.samplers import InteractingSimulatedAnnealing
 from jaxmocap.track import Stage, group_searches
 from jaxmocap.track._register import draw
 from jaxmocap.track._score import unexplained
-from jaxmocap.track._search import initial_spread, simplified_mesh
+from jaxmocap.track._search import initial_spread, simplified_mesh, wide_population
 
 FRAME = 2
 
@@ -97,6 +97,20 @@ def test_a_lost_arm_is_found_further_afield(world):
         after.append(limb_errors(world, {"l_arm": search}, "l_arm", pose).mean())
     assert limb_errors(world, {"l_arm": search}, "l_arm", start).mean() > 0.1
     assert np.median(after) < 0.02
+
+
+def test_a_third_of_the_far_particles_leaves_the_inner_joints_alone():
+    spread, lower, upper = jnp.full(4, 0.1), jnp.full(4, -3.0), jnp.full(4, 2.0)
+    outer = jnp.array([False, False, True, True])
+    found = np.asarray(wide_population(jax.random.key(0), 3000, spread, lower, upper, outer))
+    near, even, anywhere = found[0::3], found[1::3], found[2::3]
+    np.testing.assert_allclose(near.std(0), 0.3, rtol=0.1)
+    assert even.min() >= -1.2001
+    assert even.max() <= 1.2001
+    np.testing.assert_allclose(even.std(0), 2.4 / np.sqrt(12), rtol=0.1)
+    np.testing.assert_allclose(anywhere[:, :2].std(0), 0.1, rtol=0.1)
+    np.testing.assert_allclose(anywhere[:, 2:].mean(0), -0.5, atol=0.2)
+    np.testing.assert_allclose(anywhere[:, 2:].std(0), 5.0 / np.sqrt(12), rtol=0.1)
 
 
 def test_the_same_key_gives_the_same_bits_and_another_key_others(find):
