@@ -183,8 +183,7 @@ class FrameTracker:
         """Results of earlier frames that the last one has shown to be wrong, found anew."""
         if self.search is None or self.hindsight is None or len(self.tracked) < 3:
             return []
-        clock = Clock()
-        with clock.stage("look back"):
+        with Clock(self.tracked[-1][1].seconds).stage("look back"):
             frames = [frame for frame, _ in self.tracked]
             better = look_back(frames, self.search, self.refinement, self.hindsight)
         if not better:

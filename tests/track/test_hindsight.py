@@ -68,6 +68,7 @@ def test_a_lost_arm_is_found_from_the_frame_after(world):
     poses = [world.pose(0), arm_away(world), world.pose(2)]
     tracker, found, revised = looked_back(world, poses)
     assert [result.frame for result in revised] == [LOST]
+    assert found[-1].seconds["look back"] > 0
     arm = next(group for group in tracker.search.groups if group.name == "l_arm")
     vertices = np.unique(np.asarray(world.character.faces)[np.asarray(arm.part.moves)])
     before, after = (vertex_errors(world, LOST, pose)[vertices].mean() for pose in (poses[LOST], revised[0].pose))
