@@ -2,7 +2,8 @@
 
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,12 @@ import numpy as np
 
 from jaxmocap._complete import MaskRecord, mask_record, with_person_masks, with_selected_frames
 from jaxmocap._results import InputError
-from jaxmocap.capture import Capture
+from jaxmocap.capture import Capture, Detections
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion, claim_output, write_json
 from jaxmocap.observation import fit_capture_appearance
 from jaxmocap.track import (
+    DetectionPlan,
     FrameResult,
     Progress,
     Quality,
@@ -99,6 +101,8 @@ def track_capture(
     overlays: bool = True,
     progress: Report | None = None,
     find_masks: bool = True,
+    detections: str | Path | None = None,
+    detections_frames: Collection[int] | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Motion:
     """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
@@ -107,7 +111,8 @@ def track_capture(
     `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `actor` is a character's file and
     `tracker` a tracker, instead of the capture's and the preset; `settings` change single settings of the tracker by
     name (`with_settings`). Selected frames that the capture does not name are chosen, and masks it does not have are
-    found (unless `find_masks` is off); the report says so, and `say` is told at once, also when a mask is doubtful.
+    found (unless `find_masks` is off). With `detections`, a folder of BODY_25 files, keypoints count beside the pixels,
+    in `detections_frames` or everywhere. The report says so, and `say` is told at once, also when a mask is doubtful.
     """
     tell = progress or (lambda stage, done, total: None)
     begin = time.perf_counter()
@@ -116,7 +121,11 @@ def track_capture(
         character = open_character(capture, actor)
         cameras = capture.cameras
         overrides = read_pose_file(pose_file) if pose_file is not None else None
-        tracker = with_settings(Tracker.preset(quality) if tracker is None else tracker, settings or {})
+        found_points = None if detections is None else Detections.open(capture, detections, detections_frames)
+        tracker = Tracker.preset(quality) if tracker is None else tracker
+        if found_points is not None and tracker.detections is None:
+            tracker = replace(tracker, detections=DetectionPlan())
+        tracker = with_settings(tracker, settings or {})
         capture, selection = with_selected_frames(capture, overrides, say)
         key = jax.random.key(seed)
         selected = capture.selected_frames or (0,)
@@ -151,7 +160,7 @@ def track_capture(
             key=jax.random.fold_in(key, 2),
             settings=appearance_preset(quality),
         )
-        observations = observe(capture, cameras, character, appearance, registrations)
+        observations = observe(capture, cameras, character, appearance, registrations, found_points)
         tell("appearance", 1, 1)
         prepared = time.perf_counter()
 
@@ -166,6 +175,7 @@ def track_capture(
             "truth": None if capture.truth is None else str(capture.truth.resolve()),
             "actor": str(actor or capture.actor),
             "quality": quality,
+            "detections": None if detections is None else str(Path(detections).resolve()),
             "settings": {name: str(value) for name, value in (settings or {}).items()},
             "seed": seed,
             "versions": _versions(),

@@ -3,6 +3,7 @@
 
 from .capture import (
     Capture as Capture,
+    Detections as Detections,
     Finding as Finding,
     check as check,
     choose_frames as choose_frames,
@@ -25,6 +26,7 @@ from .track import (
     CharacterFitSettings as CharacterFitSettings,
     PolishPlan as PolishPlan,
     Registration as Registration,
+    DetectionPlan as DetectionPlan,
     Tracker as Tracker,
     appearance_preset as appearance_preset,
     fit_character as fit_character,

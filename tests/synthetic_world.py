@@ -4,17 +4,21 @@ Three frames of two views without sensor noise. The appearance is fitted at the 
 would; the problems of single frames are made of the images before compression.
 """
 
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxmocap.appearance import Appearance
-from jaxmocap.capture import Capture
-from jaxmocap.character import Character, Pose, skin
+from jaxmocap.camera import project
+from jaxmocap.capture import Capture, Detections
+from jaxmocap.character import Character, Pose, landmark_positions, skin
 from jaxmocap.observation import (
     FrameImages,
     FrameProblem,
@@ -27,6 +31,14 @@ from jaxmocap.observation import (
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
 
 SIZE = (480, 270)
+POINTS = {
+    "nose": 0, "r_shoulder": 2, "r_elbow": 3, "r_wrist": 4, "l_shoulder": 5, "l_elbow": 6, "l_wrist": 7, "r_hip": 9,
+    "r_knee": 10, "r_ankle": 11, "l_hip": 12, "l_knee": 13, "l_ankle": 14, "l_toe": 19, "l_heel": 21, "r_toe": 22,
+    "r_heel": 24,
+}  # fmt: skip
+MIDDLES = {1: ("l_shoulder", "r_shoulder"), 8: ("l_hip", "r_hip")}
+
+"""Of BODY_25, those that one landmark is, and those between two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +67,36 @@ class World:
         """The true surface."""
         return np.asarray(skin(self.character, self.pose(frame)))
 
-    def observations(self) -> Observations:
+    def keypoints(self, frame: int, pose: Pose | None = None) -> np.ndarray:
+        """BODY_25 points (camera, 25, 3) without error, of the true pose or another one; eyes, ears and small toes are
+        not found."""
+        skeleton, view = self.character.skeleton, self.cameras.at(frame)
+        places = np.asarray(landmark_positions(skeleton, self.pose(frame) if pose is None else pose))
+        at = dict(zip(skeleton.landmark_names, places, strict=True))
+        body = np.zeros((25, 3), np.float32)
+        for name, index in POINTS.items():
+            body[index] = at[name]
+        for index, (left, right) in MIDDLES.items():
+            body[index] = 0.5 * (at[left] + at[right])
+        pixels, _ = project(view.intrinsics, view.cam_from_world, jnp.asarray(body))
+        found = np.isin(np.arange(25), [*POINTS.values(), *MIDDLES]).astype(np.float32)
+        return np.stack([np.concatenate([np.asarray(p), found[:, None]], 1) for p in pixels])
+
+    def write_keypoints(self, folder: Path, frames: Iterable[int]) -> Path:
+        """Those of the truth as a detector's files."""
+        folder.mkdir(exist_ok=True)
+        for frame in frames:
+            for camera, points in zip(self.capture.camera_names, self.keypoints(frame).astype(float), strict=True):
+                person = {"pose_keypoints_2d": points.ravel().tolist()}
+                file = folder / f"{camera}_{frame:05d}_keypoints.json"
+                file.write_text(json.dumps({"people": [person]}))
+        return folder
+
+    def observations(self, detections: Detections | None = None) -> Observations:
         """Fresh ones: they remember the frames they have seen."""
-        return Observations(self.capture, self.cameras, self.character, self.appearance, self.key_poses)
+        return Observations(
+            self.capture, self.cameras, self.character, self.appearance, self.key_poses, detections=detections
+        )
 
     def shown(self, frame: int) -> FrameImages:
         """A frame without compression."""

@@ -43,6 +43,18 @@ ActorFile = Annotated[
         help_behavior_hint="(default: the capture's actor)",
     ),
 ]
+DetectionsFolder = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="DIR",
+        help="Let a detector's keypoints (OpenPose BODY_25 files, named as the capture's) count beside the pixels.",
+        help_behavior_hint="(default: pixels only)",
+    ),
+]
+DetectionsFrames = Annotated[
+    str | None,
+    tyro.conf.arg(metavar="A:B", help="Use --detections only in these frames.", help_behavior_hint="(default: all)"),
+]
 Json = Annotated[bool, tyro.conf.arg(help="Print the answer as JSON, alone on standard output.", help_behavior_hint="")]
 Seed = Annotated[int, tyro.conf.arg(metavar="N", help="Seed of all random numbers: same seed, same result.")]
 Settings = Annotated[
@@ -67,16 +79,16 @@ def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def frame_span(text: str | None, num_frames: int) -> tuple[int, int] | None:
+def frame_span(text: str | None, num_frames: int, name: str = "--frames") -> tuple[int, int] | None:
     """`--frames A:B` as (A, B) within a capture of `num_frames`; None for all frames."""
     if text is None:
         return None
     found = re.fullmatch(r"\s*(\d*)\s*:\s*(\d*)\s*", text)
     if found is None:
-        raise InputError(f"--frames is {text!r}; A:B with whole numbers was expected, such as 10:40, 10: or :40.")
+        raise InputError(f"{name} is {text!r}; A:B with whole numbers was expected, such as 10:40, 10: or :40.")
     start, stop = int(found[1] or 0), int(found[2] or num_frames)
     if not start < stop <= num_frames:
         raise InputError(
-            f"--frames is {text!r}, but the capture has {num_frames} frames: A:B needs 0 <= A < B <= {num_frames}."
+            f"{name} is {text!r}, but the capture has {num_frames} frames: A:B needs 0 <= A < B <= {num_frames}."
         )
     return start, stop

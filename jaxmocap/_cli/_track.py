@@ -8,6 +8,8 @@ import tyro
 from ._arguments import (
     ActorFile,
     CapturePath,
+    DetectionsFolder,
+    DetectionsFrames,
     FindMasks,
     FrameSpan,
     Json,
@@ -41,6 +43,8 @@ def track(
     pose: PoseFile = None,
     find_masks: FindMasks = True,
     actor: ActorFile = None,
+    detections: DetectionsFolder = None,
+    detections_frames: DetectionsFrames = None,
     overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
     json: Json = False,
 ) -> int:
@@ -49,7 +53,9 @@ def track(
     from jaxmocap.capture import Capture
 
     changes = {"polish": "on"} if polish else {}
-    span = None if frames is None else frame_span(frames, Capture.open(capture).num_frames)
+    spans = {"frames": frames, "detections-frames": detections_frames}
+    length = Capture.open(capture).num_frames if any(spans.values()) else 0
+    span, detected = (frame_span(text, length, f"--{name}") for name, text in spans.items())
     with progress() as report:
         motion = track_capture(
             capture,
@@ -63,6 +69,8 @@ def track(
             overlays=overlays,
             progress=report,
             find_masks=find_masks,
+            detections=detections,
+            detections_frames=None if detected is None else range(*detected),
             say=say,
         )
     show({"out": out, **summary(motion)}, lambda: sentence(motion, out), json_wanted=json)

@@ -4,5 +4,6 @@ from ._capture import Capture as Capture
 from ._check import check as check
 from ._check_geometry import check_subject as check_subject
 from ._choose_frames import ChosenFrames as ChosenFrames, choose_frames as choose_frames
+from ._detections import Detections as Detections
 from ._findings import Finding as Finding
 from ._keypoints import KEYPOINT_NAMES as KEYPOINT_NAMES, mask_file as mask_file

@@ -200,16 +200,20 @@ class Capture:
 
         Of several people the one of the largest mean confidence is taken. Points not found have confidence 0.
         """
+        return best_person(self.people(camera_index, frame))
+
+    def people(self, camera_index: int, frame: int, folder: Path | None = None) -> list[Float64[np.ndarray, "25 3"]]:
+        """Everybody in a keypoint file, as `keypoints` gives one; from another folder than the capture's if asked."""
         own = self._own_frame(camera_index, frame)
-        if self.keypoints_folder is None:
-            return None
-        file = keypoint_file(self.keypoints_folder, self.camera_names[camera_index], own)
-        points = best_person(read_people(file)) if file.is_file() else None
+        folder = self.keypoints_folder if folder is None else folder
+        file = None if folder is None else keypoint_file(folder, self.camera_names[camera_index], own)
+        people = read_people(file) if file is not None and file.is_file() else []
         undistortion = self._undistortions[camera_index]
-        if points is not None and undistortion is not None:
-            found = points[:, 2] > 0
-            points[found, :2] = undistortion.points(points[found, :2])
-        return points
+        if undistortion is not None:
+            for points in people:
+                found = points[:, 2] > 0
+                points[found, :2] = undistortion.points(points[found, :2])
+        return people
 
     def keypoint_frames(self, camera_index: int) -> tuple[int, ...]:
         """The frames for which this camera has a keypoint file."""

@@ -11,6 +11,11 @@ from ._contour import (
     contour_points as contour_points,
     edge_targets as edge_targets,
 )
+from ._keypoints import (
+    Keypoints as Keypoints,
+    LandmarkRays as LandmarkRays,
+    keypoint_rays as keypoint_rays,
+)
 from ._lines import (
     LineResidual as LineResidual,
     SurfaceLines as SurfaceLines,

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from jaxmocap._types import Knob, knob
 from jaxmocap.character import Pose, Skeleton
+from jaxmocap.observation import FrameProblem
 
 POSTURE_JOINTS = ("lumbar", "thorax", "neck", "clav")
 
@@ -27,5 +28,5 @@ class Posture(eqx.Module):
 
     name = "posture"
 
-    def score_pose(self, skeleton: Skeleton, pose: Pose) -> Float[Array, ""]:
+    def score_pose(self, skeleton: Skeleton, pose: Pose, problem: FrameProblem) -> Float[Array, ""]:
         return jnp.sum(bend(skeleton, pose.angles) ** 2)

@@ -42,7 +42,7 @@ class PoseTerm(Protocol):
     name: str
     weight: Float[Array, ""]
 
-    def score_pose(self, skeleton: Skeleton, pose: Pose) -> Float[Array, ""]: ...
+    def score_pose(self, skeleton: Skeleton, pose: Pose, problem: FrameProblem) -> Float[Array, ""]: ...
 
 
 class SearchEnergy(eqx.Module):
@@ -168,7 +168,7 @@ def _score(energy, character, part, pose, problem, region, base, increments, cap
         drawn, (outside, needed) = lax.scan(view, base.buffers.reshape(-1, width), jnp.arange(problem.num_cameras))
         drawn = drawn.reshape(base.buffers.shape)
         values = [
-            term.score_pose(character.skeleton, moved)
+            term.score_pose(character.skeleton, moved, problem)
             if isinstance(term, PoseTerm)
             else term.score(ready, drawn, outside, region, problem, layout)
             for term, ready in zip(energy.terms, base.prepared, strict=True)

@@ -51,7 +51,7 @@ def soft_score(
     values = []
     for term in energy.terms:
         if isinstance(term, PoseTerm):
-            values.append(term.score_pose(character.skeleton, pose))
+            values.append(term.score_pose(character.skeleton, pose, problem))
         elif isinstance(term, ModelView):
             values.append(_model_view(term, seen, screens, faces, problem, settings))
         elif isinstance(term, ViewView):

@@ -4,6 +4,13 @@ from ._cut_person import (
     person_prior as person_prior,
     signed_distance as signed_distance,
 )
+from ._detections import (
+    BODY_25 as BODY_25,
+    FACE as FACE,
+    expected_keypoints as expected_keypoints,
+    nearest_person as nearest_person,
+    stacked_keypoints as stacked_keypoints,
+)
 from ._edges import (
     background_edges as background_edges,
     image_edges as image_edges,

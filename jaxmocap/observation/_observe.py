@@ -22,12 +22,13 @@ from jaxmocap.appearance import (
     whitening,
 )
 from jaxmocap.camera import Cameras
-from jaxmocap.capture import Capture
+from jaxmocap.capture import Capture, Detections
 from jaxmocap.character import Character, Pose, skin
 from jaxmocap.geometry import faces_within, pack_rows
 from jaxmocap.render import face_ids, inverse_depth_range
 
 from ._clean_plate import CleanPlate
+from ._detections import expected_keypoints, nearest_person, stacked_keypoints
 from ._edges import background_edges, image_edges
 from ._features import FeatureSettings, FrameFeatures, frame_features, match_background
 from ._problem import Clusters, Edges, FrameProblem, Surface
@@ -168,6 +169,7 @@ def build_problem(
     labels: list[np.ndarray] | None = None,
     background: list[np.ndarray] | None = None,
     edges: list[tuple[np.ndarray, np.ndarray]] | None = None,
+    keypoints: Float[np.ndarray, "camera 25 3"] | None = None,
 ) -> FrameProblem:
     """Assemble the arrays of one frame. `vertices` (any pose near the answer) place the range of depths."""
     view = cameras.at(frame)
@@ -189,6 +191,7 @@ def build_problem(
             jnp.asarray(np.stack([e[0] for e in edges])), jnp.asarray(np.stack([e[1] for e in edges]), jnp.float32)
         ),
         surface=surface,
+        keypoints=jnp.zeros((len(crops), 25, 3)) if keypoints is None else jnp.asarray(keypoints, jnp.float32),
     )
 
 
@@ -196,6 +199,7 @@ def build_problem(
 class Observations:
     """The frames of a capture as problems, made one by one while tracking: memory does not grow with length (host).
 
+    `detections` are keypoints for `Tracker.detections`; without them every frame is judged by its pixels alone.
     Remembers the selected frames' features and the last warps, which the next frame starts from.
     """
 
@@ -205,6 +209,7 @@ class Observations:
     appearance: Appearance
     key_poses: dict[int, Pose]
     features: FeatureSettings = field(default_factory=FeatureSettings)
+    detections: Detections | None = None
 
     def __post_init__(self) -> None:
         self.surface = surface_of(self.character, self.appearance, self.cameras.num_cameras)
@@ -317,8 +322,25 @@ class Observations:
             background = list(pool.map(distance, range(len(shown.images))))
         outlines = [background_edges(distance) for distance in background] if edges == "background" else None
         return build_problem(
-            shown.images, rectangle, self.cameras, shown.frame, vertices, self.surface, labels, background, outlines
+            shown.images,
+            rectangle,
+            self.cameras,
+            shown.frame,
+            vertices,
+            self.surface,
+            labels,
+            background,
+            outlines,
+            self._detected(shown.frame, pose),
         )
+
+    def _detected(self, frame: int, pose: Pose) -> Float[np.ndarray, "camera 25 3"] | None:
+        """The detections of the person whom `pose` predicts."""
+        if self.detections is None:
+            return None
+        people = [self.detections.people(camera, frame) for camera in range(self.cameras.num_cameras)]
+        expected = expected_keypoints(self.character, pose, self.cameras.at(frame))
+        return stacked_keypoints([nearest_person(*each) for each in zip(people, expected, strict=True)])
 
     def _grid_distance(
         self,

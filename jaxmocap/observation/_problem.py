@@ -51,7 +51,8 @@ class FrameProblem(eqx.Module):
     `origins` are row and column of each rectangle's first pixel in the full image. `labels` are palette indices,
     `background` is psi_b of Eq. 3. `area` is M_1 of Eq. 6, the pixels of the tight rectangle: the
     arrays may be larger, so that a sequence compiles once. `depth_range` bounds the inverse depths (1/metres) that
-    keys can tell apart.
+    keys can tell apart. `keypoints` are x, y in pixels of the undistorted image and the confidence of a
+    detector's BODY_25 points, 0 where there is none.
     """
 
     intrinsics: Float[Array, "camera 3 3"]
@@ -64,6 +65,7 @@ class FrameProblem(eqx.Module):
     area: Float[Array, ""]
     edges: Edges
     surface: Surface
+    keypoints: Float[Array, "camera 25 3"]
 
     @property
     def num_cameras(self) -> int:
@@ -98,4 +100,5 @@ class FrameProblem(eqx.Module):
             area=self.area / step**2,
             edges=Edges(self.edges.mask[pick], self.edges.gradient[pick]),
             surface=self.surface,
+            keypoints=self.keypoints * jnp.array([1 / step, 1 / step, 1.0]) + jnp.array([shift, shift, 0.0]),
         )

@@ -8,7 +8,7 @@ from ._fit_character import (
     fit_character as fit_character,
 )
 from ._frame import FrameResult as FrameResult, FrameTracker as FrameTracker
-from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, keypoint_rays as keypoint_rays
+from ._inverse_kinematics import inverse_kinematics as inverse_kinematics
 from ._polish import PolishPlan as PolishPlan, polish as polish
 from ._register import (
     Overrides as Overrides,
@@ -40,6 +40,7 @@ from ._settings import with_settings as with_settings
 from ._shape_problem import ShapePrior as ShapePrior
 from ._surface_flow import FlowSettings as FlowSettings, Source as Source, surface_flow as surface_flow
 from ._tracker import (
+    DetectionPlan as DetectionPlan,
     Effort as Effort,
     Quality as Quality,
     RefinePlan as RefinePlan,

@@ -10,10 +10,10 @@ from jaxmocap.observation import FrameProblem, Observations
 
 from ._clock import Clock
 from ._confidence import dominant_bodies
-from ._economy import Restraint, Retry, group_bodies, mean_costs
+from ._economy import Restraint, Retry, group_bodies, mean_costs, seen_shares
 from ._past import Past
 from ._score import PoseScore, Seen, look_at, unexplained
-from ._search import GroupSearch, Stage, group_searches, initial_spread, is_limb, simplified_mesh
+from ._search import Stage, group_searches, initial_spread, is_limb, simplified_mesh
 from ._tracker import SearchPlan, sigma_floor
 
 
@@ -33,7 +33,6 @@ class BodySearch:
         meshes = {share: simplified_mesh(self.character, observations.surface, share) for share in shares}
         self.groups = group_searches(self.character, meshes)
         self.limbs = [number for number, group in enumerate(self.groups) if is_limb(group)]
-        self.far_groups = [g for g in group_searches(self.character, meshes, everywhere=True) if is_limb(g)]
         self.spread = initial_spread(self.character)
         self.face_bodies = dominant_bodies(self.character)
         faces = np.asarray(self.character.faces)
@@ -65,8 +64,15 @@ class BodySearch:
         self, number: int, pose: Pose, problem: FrameProblem, past: Past | None, key: PRNGKeyArray
     ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
         """Search one group."""
-        pace = past.pace(self.fps) if past is not None and self.plan.wide == 0 else 1.0
-        return self._run(self.groups[number], pose, problem, self.plan.wide, pace, key)
+        plan, group = self.plan, self.groups[number]
+        limb = is_limb(group)
+        pace = past.pace(self.fps) if past is not None and plan.wide == 0 else 1.0
+        stages = tuple(Stage(self.energy, *effort) for effort in plan.stages)
+        share = 1.0 if limb else plan.trunk
+        sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), share)
+        spread = self.spread * plan.spread * pace * share
+        found = group(stages, sampler, self.character, pose, problem, spread, key, plan.wide if limb else 0.0)
+        return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
 
     def outer_costs(self, seen: Seen) -> Float[np.ndarray, "limb"]:
         """Mean cost of Eq. 6 over each limb's outer half; NaN where it is not seen."""
@@ -89,27 +95,15 @@ class BodySearch:
             return self.restraint.search(speeds, mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
 
     def _again(self, retry: Retry, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
-        """Limbs that seem lost, further afield; the answer counts where it pays."""
+        """Limbs that seem lost; the answer counts where it pays."""
         seen = look_at(self.character, pose, problem)
-        foreign = self.outer_costs(seen) > retry.foreign
-        if unexplained(seen.ids, problem) > retry.uncovered:
-            foreign[:] = True
-        for number in np.flatnonzero(foreign):
+        doubtful = self.outer_costs(seen) > retry.foreign
+        doubtful |= seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over) < retry.hidden
+        doubtful |= unexplained(seen.ids, problem) > retry.uncovered
+        for number in np.array(self.limbs)[doubtful]:
             keys = jax.random.split(self.key_of(frame, 100 + int(number)), retry.tries)
-            group = self.far_groups[number]
-            found = [self._run(group, pose, problem, retry.wide, 1.0, key)[0] for key in keys]
+            found = [self.group(int(number), pose, problem, None, key)[0] for key in keys]
             totals, _ = self.score(problem, [pose, *found])
             best = int(np.argmin(totals[1:]))
             pose = found[best] if totals[1 + best] < totals[0] - retry.margin else pose
         return pose
-
-    def _run(
-        self, group: GroupSearch, pose: Pose, problem: FrameProblem, wide: float, pace: float, key: PRNGKeyArray
-    ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
-        plan, limb = self.plan, is_limb(group)
-        stages = tuple(Stage(self.energy, *effort) for effort in plan.stages)
-        share = 1.0 if limb else plan.trunk
-        sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), share)
-        spread = self.spread * plan.spread * pace * share
-        found = group(stages, sampler, self.character, pose, problem, spread, key, wide if limb else 0.0)
-        return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)

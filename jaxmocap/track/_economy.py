@@ -24,14 +24,14 @@ class Calm:
 
 @dataclass(frozen=True)
 class Retry:
-    """A limb is searched again further afield when more than `uncovered` of the person's pixels look foreign and are
-    covered by nothing, or when the mean cost of Eq. 6 over its outer half is above `foreign`. `wide` is the share of
-    first particles that look afield. Of `tries` answers the best is taken when it lowers the energy by `margin`. The
+    """A limb is searched again when less than `hidden` of its outer half is seen in any view, when the mean cost of
+    Eq. 6 over its outer half is above `foreign`, or, all limbs, when more than `uncovered` of the person's pixels look
+    foreign and are covered by nothing. Of `tries` answers the best is taken when it lowers the energy by `margin`. The
     paper does not."""
 
-    uncovered: float = 0.015
+    hidden: float = 0.5
     foreign: float = 0.48
-    wide: float = 0.5
+    uncovered: float = 0.015
     tries: int = 3
     margin: float = 0.005
 
@@ -40,12 +40,17 @@ class Retry:
 class Hindsight:
     """A limb whose outer half looks foreign (mean cost of Eq. 6 above `foreign`), and less so by `better` in a later
     frame, is searched again from there, backwards through at most `longest` frames; the answer counts where it lowers
-    the energy by `margin`. The paper only looks forwards."""
+    the energy by `margin`. A limb that is more than `stray` metres from halfway between the frames before and after,
+    an acceleration above `jolt` metres per second squared, is searched again from halfway; the answer counts where it
+    strays half as far and raises the energy by less than `slack`. The paper only looks forwards."""
 
     foreign: float = 0.45
     better: float = 0.15
     longest: int = 6
     margin: float = 0.002
+    stray: float = 0.15
+    jolt: float = 200.0
+    slack: float = 0.004
 
 
 def group_bodies(character: Character, dofs: tuple[int, ...], outer: bool = False) -> Bool[np.ndarray, "body"]:
@@ -71,6 +76,20 @@ def mean_costs(
     total = np.bincount(body, weights=costs[covered], minlength=bodies)
     seen = np.array([count[group].sum() for group in groups])
     return np.array([total[group].sum() for group in groups]) / np.where(seen > 0, seen, np.nan)
+
+
+def seen_shares(
+    groups: list[Bool[np.ndarray, "body"]],
+    character: Character,
+    face_bodies: Int[np.ndarray, "face"],
+    over: Int[np.ndarray, "camera vertex"],
+) -> Float[np.ndarray, "group"]:
+    """Share of each group's vertices that project to pixels of the group, in the view where it is largest: 1 for a limb
+    in front of everything, though half its vertices face away; 0 for one behind the body."""
+    own = np.asarray(character.weights).argmax(1)
+    below = np.where(over >= 0, face_bodies[over], -1)
+    shares = [np.where(below >= 0, group[below], False)[:, group[own]].mean(1).max() for group in groups]
+    return np.array(shares)
 
 
 class Restraint:

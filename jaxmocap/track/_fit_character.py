@@ -13,10 +13,11 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject
 from jaxmocap.character import BodyShape, Character, Pose, clamp, scaled
+from jaxmocap.energies import LandmarkRays, keypoint_rays
+from jaxmocap.observation import BODY_25, FACE, stacked_keypoints
 from jaxmocap.refiners import AbstractRefiner, LeastSquares, Shooting
 
-from ._inverse_kinematics import BODY_25, FACE, inverse_kinematics, keypoint_rays, triangulated
-from ._least_squares import LandmarkRays
+from ._inverse_kinematics import inverse_kinematics, triangulated
 from ._shape_masks import mask_problems, outlines
 from ._shape_problem import OFFSETS, FramesSeen, ShapePrior, ShapeProblem, detector_points, solve
 
@@ -84,8 +85,9 @@ def fit_character(
         view, keypoints = cameras.at(frame), _keypoints(capture, frame)
         where = f"frame {frame} of capture '{capture.name}'"
         base.append(inverse_kinematics(character, view, keypoints, settings.pose_refiner, where=where)[0])
-        lines = keypoint_rays(character, view, keypoints, settings.keypoint_scale, table=_POINTS)
-        rays.append(_padded(lines, len(keypoints)))
+        seen = jnp.asarray(stacked_keypoints(keypoints))
+        scale = settings.keypoint_scale
+        rays.append(keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale, table=_POINTS))
     tell("poses", len(chosen), len(chosen))
     problem = ShapeProblem(character, FramesSeen(_stacked(base), _stacked(rays)), settings.prior)
     masks = [[capture.mask(c, frame) for c in range(cameras.num_cameras)] for frame in chosen]
@@ -146,13 +148,6 @@ def _usable_frames(capture: Capture, cameras: Cameras, frames: Sequence[int] | N
             "frames; add keypoint files, or choose other frames with --at."
         )
     return tuple(usable)
-
-
-def _padded(rays: LandmarkRays, num_cameras: int) -> LandmarkRays:
-    """As many rows as there can be, the last ones without weight, so that frames can be stacked."""
-    missing = num_cameras * len(_POINTS) - len(rays.weight)
-    grown = lambda leaf: jnp.pad(leaf, [(0, missing)] + [(0, 0)] * (leaf.ndim - 1)) if leaf.ndim else leaf  # noqa: E731
-    return jax.tree.map(grown, rays)
 
 
 def _stacked(values: list):

@@ -19,14 +19,18 @@ from ._hindsight import Tracked, look_back
 from ._least_squares import Rows, descend, free_prior
 from ._past import Past, after
 from ._polish import polish
-from ._refine import Refinement
+from ._refine import Refinement, detection_rays
 from ._register import draw, frame_rectangle
 from ._score import PoseScore, Seen, look_at, unexplained
 from ._surface_flow import picture_source, surface_flow
-from ._tracker import Tracker
+from ._tracker import DetectionPlan, Tracker
 
 FLOW_ROBUST = (0.08, 0.03)
 """Geman-McClure scales of the flow start's rounds, metres."""
+
+
+ONTO_ROBUST, ONTO_STEPS = 0.3, 8
+"""Geman-McClure scale of the start from detections, metres, and its steps."""
 
 
 @dataclass
@@ -53,13 +57,13 @@ class FrameTracker:
         self.character = observations.character
         self.cameras = observations.cameras
         self.tracker = tracker
-        self.score = PoseScore(tracker.search_energy, self.character)
+        self.score = PoseScore(tracker.scored, self.character)
         plan = tracker.search
-        self.search = (
-            BodySearch(observations, tracker.search_energy, plan, self.score, key) if plan is not None else None
-        )
+        self.search = BodySearch(observations, tracker.scored, plan, self.score, key) if plan is not None else None
         self.hindsight = plan.hindsight if plan is not None else None
-        self.refinement = Refinement(observations, tracker.refine) if tracker.refine is not None else None
+        self.refinement = (
+            Refinement(observations, tracker.refine, tracker.detections) if tracker.refine is not None else None
+        )
         self.rectangle: Rectangle | None = None
         self.past: Past | None = None
         self.face_bodies = dominant_bodies(self.character)
@@ -151,15 +155,16 @@ class FrameTracker:
             pose, deviation = self.search(pose, problem, shown.frame, past, clock)
         if self.tracker.polish is not None:
             with clock.stage("polish"):
-                pose, _, _ = polish(self.tracker.search_energy, self.character, pose, problem, self.tracker.polish)
+                pose, _, _ = polish(self.tracker.scored, self.character, pose, problem, self.tracker.polish)
         if self.refinement is not None:
             with clock.stage("refine"):
                 pose, hessian = self.refinement(pose, shown, problem, rectangle, past)
         return self._finish(shown, problem, rectangle, pose, deviation, hessian, clock)
 
     def _best_start(self, shown: FrameImages, problem: FrameProblem, past: Past, start: Pose) -> Pose:
-        """The last pose, the flow start or the registered pose, whichever scores best; with `prediction` its root,
-        torso and limbs one by one where the last motion would lead, if that scores better."""
+        """The last pose, the flow start or the registered pose, whichever scores best; with `prediction`, and with
+        detections, its root, torso and limbs one by one where the last motion would lead, and where the detections are,
+        if that scores better."""
         skeleton = self.character.skeleton
         candidates = [past.pose, start]
         if shown.frame in self.observations.key_poses:
@@ -167,17 +172,34 @@ class FrameTracker:
         totals, _ = self.score(problem, candidates)
         best = int(np.argmin(totals))
         pose = candidates[best]
-        if not self.tracker.prediction or not past.increments or best == 2:
+        if best == 2:
             return pose
-        ahead = clamp(skeleton, retract(skeleton, past.pose, jnp.asarray(past.increments[-1])))
-        step = np.asarray(difference(skeleton, pose, ahead))
+        if self.tracker.prediction and past.increments:
+            ahead = retract(skeleton, past.pose, jnp.asarray(past.increments[-1]))
+            pose = self._towards(problem, pose, clamp(skeleton, ahead))
+        if self.tracker.detections is not None and bool((problem.keypoints[..., 2] > 0).any()):
+            pose = self._towards(problem, pose, self._onto_detections(problem, pose, self.tracker.detections))
+        return pose
+
+    def _towards(self, problem: FrameProblem, pose: Pose, goal: Pose) -> Pose:
+        """The pose with those of its parts, root, torso or limb, moved to the goal that then score better."""
+        skeleton = self.character.skeleton
+        step = np.asarray(difference(skeleton, pose, goal))
         parts = np.stack([np.isin(np.arange(39), dofs) for _, dofs in skeleton.groups])
         moved = [retract(skeleton, pose, jnp.asarray(step * part)) for part in parts]
-        totals, _ = self.score(problem, [pose, *moved, ahead])
+        totals, _ = self.score(problem, [pose, *moved, goal])
         gained = parts[totals[1:-1] < totals[0]].any(0)
         both = retract(skeleton, pose, jnp.asarray(step * gained))
-        candidates, last = [pose, *moved, ahead, both], self.score(problem, [both])[0]
+        candidates, last = [pose, *moved, goal, both], self.score(problem, [both])[0]
         return candidates[int(np.argmin(np.append(totals, last)))]
+
+    def _onto_detections(self, problem: FrameProblem, pose: Pose, plan: DetectionPlan) -> Pose:
+        """The pose after a few steps of inverse kinematics to the detections' rays."""
+        start = jnp.zeros(39)
+        points = (detection_rays(self.character.skeleton, problem, plan, robust=ONTO_ROBUST),)
+        prior = free_prior(self.character, pose, 0.05)
+        delta, _ = descend(self.character, pose, start, (), points, prior, Shooting(), steps=ONTO_STEPS)
+        return retract(self.character.skeleton, pose, delta)
 
     def look_back(self) -> list[FrameResult]:
         """Results of earlier frames that the last one has shown to be wrong, found anew."""
@@ -238,7 +260,7 @@ class FrameTracker:
             speed = float(jnp.linalg.norm(moved[:3])) / max(abs(shown.timestamp - past.shown.timestamp), 1e-3)
         left = unexplained(seen.ids, problem)
         verdict = judge(self.character, self.face_bodies, seen.ids, seen.costs, speed, self.tracker.verdict, left)
-        names = [term.name for term in self.tracker.search_energy.terms]
+        names = [term.name for term in self.tracker.scored.terms]
         energy = {name: float(value) for name, value in zip(names, terms[0], strict=True)}
         energy["covered"] = verdict.covered_cost
         return FrameResult(

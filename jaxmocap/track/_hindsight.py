@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxmocap.character import Pose, beside
+from jaxmocap.character import Pose, Skeleton, beside, landmark_positions
 from jaxmocap.observation import FrameImages, FrameProblem, Rectangle
 
 from ._body_search import BodySearch
@@ -42,6 +42,15 @@ def with_limb(pose: Pose, limb: Pose, dofs: tuple[int, ...], share: float = 1.0)
     return Pose(pose.root, pose.angles.at[index].set(here + share * (limb.angles[index] - here)))
 
 
+def stray(skeleton: Skeleton, earlier: Pose, pose: Pose, later: Pose, dofs: tuple[int, ...]) -> tuple[float, Pose]:
+    """How far a limb's landmarks are, at most, from halfway between two other poses, metres; and the pose with the limb
+    halfway."""
+    before, after = beside(skeleton, earlier, pose), beside(skeleton, later, pose)
+    middle = with_limb(with_limb(pose, before, dofs), with_limb(pose, after, dofs), dofs, 0.5)
+    moved = landmark_positions(skeleton, pose) - landmark_positions(skeleton, middle)
+    return float(jnp.linalg.norm(moved, axis=1).max()), middle
+
+
 def look_back(
     frames: Sequence[Tracked], search: BodySearch, refinement: Refinement | None, settings: Hindsight
 ) -> dict[int, Pose]:
@@ -49,27 +58,59 @@ def look_back(
 
     A doubtful limb is searched from where it was one frame later, or halfway from there to where it was last seen, from
     the youngest doubtful frame to the oldest; then the frames are refined from the oldest to the youngest. A pose
-    counts when it lowers Eq. 5 by `margin`.
+    counts when it lowers Eq. 5 by `margin`. A limb that is not doubtful but strays in the last frame but one is
+    searched there from halfway.
     """
-    skeleton, better = search.character.skeleton, dict[int, Pose]()
+    better = dict[int, Pose]()
     costs = np.stack([frame.costs for frame in frames])
     for limb, number in enumerate(search.limbs):
         run = min(doubtful_run(costs[:, limb], settings), len(frames) - 2)
         poses = [better.get(position, frame.pose) for position, frame in enumerate(frames)]
-        found = _backwards(frames, poses, run, number, search, settings)
+        if run > 0:
+            found, margin = _backwards(frames, poses, run, number, search, settings), settings.margin
+        else:
+            found, margin = _straightened(frames, poses, number, search, settings), -settings.slack
         for position in sorted(found):
             frame, answer = frames[position], found[position]
-            if refinement is not None:
-                past = frame.past
-                if past is not None:
-                    if position - 1 in better:
-                        past = after(skeleton, frames[position - 1].past, past.shown, better[position - 1], "same")
-                    past = past._replace(pose=beside(skeleton, past.pose, answer))
-                answer, _ = refinement(answer, frame.shown, frame.problem, frame.rectangle, past)
+            answer = _refined(frames, position, answer, better, search.character.skeleton, refinement)
             totals, _ = search.score(frame.problem, [poses[position], answer])
-            if totals[1] < totals[0] - settings.margin:
+            if totals[1] < totals[0] - margin:
                 better[position] = answer
     return better
+
+
+def _refined(
+    frames: Sequence[Tracked],
+    position: int,
+    answer: Pose,
+    better: dict[int, Pose],
+    skeleton: Skeleton,
+    refinement: Refinement | None,
+) -> Pose:
+    """A frame's new answer after the refinement, which sees the better poses of earlier frames."""
+    frame = frames[position]
+    past = frame.past
+    if refinement is None:
+        return answer
+    if past is not None:
+        if position - 1 in better:
+            past = after(skeleton, frames[position - 1].past, past.shown, better[position - 1], "same")
+        past = past._replace(pose=beside(skeleton, past.pose, answer))
+    return refinement(answer, frame.shown, frame.problem, frame.rectangle, past)[0]
+
+
+def _straightened(
+    frames: Sequence[Tracked], poses: list[Pose], number: int, search: BodySearch, settings: Hindsight
+) -> dict[int, Pose]:
+    """The last frame but one with a limb searched from halfway, if it strays there and then strays half as far."""
+    skeleton, dofs, position = search.character.skeleton, search.groups[number].dofs, len(frames) - 2
+    earlier, here, later = poses[-3:]
+    before, middle = stray(skeleton, earlier, here, later, dofs)
+    if before < max(settings.stray, 0.5 * settings.jolt / search.fps**2):
+        return {}
+    frame = frames[position]
+    answer, _ = search.group(number, middle, frame.problem, None, search.key_of(frame.shown.frame, 300 + number))
+    return {position: answer} if stray(skeleton, earlier, answer, later, dofs)[0] < 0.5 * before else {}
 
 
 def _backwards(

@@ -9,83 +9,11 @@ from jaxtyping import Array, Float
 from jaxmocap._results import InputError
 from jaxmocap.camera import View, triangulate
 from jaxmocap.character import Character, Pose, clamp, landmark_positions, pose_from_vector, retract
-from jaxmocap.energies import rays
+from jaxmocap.energies import LandmarkRays, keypoint_rays
+from jaxmocap.observation import stacked_keypoints
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
 
-from ._least_squares import LandmarkRays
-
 LIMB_STARTS = 12
-
-BODY_25 = {
-    0: ("nose",),
-    1: ("l_shoulder", "r_shoulder"),
-    2: ("r_shoulder",),
-    3: ("r_elbow",),
-    4: ("r_wrist",),
-    5: ("l_shoulder",),
-    6: ("l_elbow",),
-    7: ("l_wrist",),
-    8: ("l_hip", "r_hip"),
-    9: ("r_hip",),
-    10: ("r_knee",),
-    11: ("r_ankle",),
-    12: ("l_hip",),
-    13: ("l_knee",),
-    14: ("l_ankle",),
-    19: ("l_toe",),
-    21: ("l_heel",),
-    22: ("r_toe",),
-    24: ("r_heel",),
-}
-"""Which landmarks, averaged, an OpenPose BODY_25 point is."""
-
-FACE = {15: ("r_eye",), 16: ("l_eye",), 17: ("r_ear",), 18: ("l_ear",)}
-"""The points of BODY_25 that say where the head looks."""
-
-LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3} | dict.fromkeys(FACE, 0.3)
-"""Points whose definition differs between a detector and a skeleton count less."""
-
-
-def keypoint_rays(
-    character: Character,
-    view: View,
-    keypoints: list[Float[np.ndarray, "25 3"] | None],
-    scale: float = 0.02,
-    robust: float = 0.1,
-    table: dict[int, tuple[str, ...]] = BODY_25,
-) -> LandmarkRays:
-    """Rows for every keypoint of `table` found in every view. `scale` metres count as 1, beyond `robust` metres a point
-    fades."""
-    names = character.skeleton.landmark_names
-    mix, direction, moment, weight = [], [], [], []
-    for camera, points in enumerate(keypoints):
-        if points is None:
-            continue
-        _, found, moments = rays(
-            view.intrinsics[camera], view.cam_from_world[camera], jnp.asarray(points[:, :2], jnp.float32)
-        )
-        for index, parts in table.items():
-            if points[index, 2] <= 0 or any(part not in names for part in parts):
-                continue
-            row = np.zeros(len(names), np.float32)
-            for part in parts:
-                row[names.index(part)] = 1 / len(parts)
-            mix.append(row)
-            direction.append(np.asarray(found[index]))
-            moment.append(np.asarray(moments[index]))
-            weight.append(float(points[index, 2]) * LOOSE.get(index, 1.0))
-    if not mix:
-        return LandmarkRays(
-            jnp.zeros((1, len(names))),
-            jnp.zeros((1, 3)),
-            jnp.zeros((1, 3)),
-            jnp.zeros(1),
-            jnp.asarray(scale),
-            jnp.asarray(robust),
-        )
-    mixes, directions, moments = (jnp.asarray(np.stack(v), jnp.float32) for v in (mix, direction, moment))
-    weights = jnp.asarray(weight, jnp.float32)
-    return LandmarkRays(mixes, directions, moments, weights, jnp.asarray(scale), jnp.asarray(robust))
 
 
 def triangulated(
@@ -144,8 +72,8 @@ def inverse_kinematics(
             f"{where or 'the keypoints'}: {int(known.sum())} keypoints are seen by two cameras, three are needed to "
             "place the person; add keypoints for this frame in a second camera, or give the pose with --pose."
         )
-    lines = keypoint_rays(character, view, keypoints)
-    skeleton = character.skeleton
+    skeleton, points_seen = character.skeleton, jnp.asarray(stacked_keypoints(keypoints))
+    lines = keypoint_rays(skeleton, view.intrinsics, view.cam_from_world, points_seen)
     root = _torso_start(character, points, known)
     bases = [root] if root is not None else []
     if root is None:
@@ -173,8 +101,8 @@ def inverse_kinematics(
         anew = _best_of(character, base, lines, refiner, jnp.asarray(start))
         cost, delta = anew if anew[0] < cost else (cost, delta)
     pose = clamp(skeleton, retract(skeleton, base, delta))
-    error = jnp.cross(lines.mix @ landmark_positions(skeleton, pose), lines.direction) - lines.moment
-    return pose, float(jnp.sqrt(jnp.mean(jnp.sum(error**2, -1))))
+    square = jnp.sum(lines.distances(landmark_positions(skeleton, pose)) ** 2, -1)
+    return pose, float(jnp.sqrt(jnp.mean(square, where=lines.weight > 0)))
 
 
 def _best_of(

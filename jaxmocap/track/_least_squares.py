@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxmocap.character import Character, Pose, landmark_positions, retract
-from jaxmocap.energies import LineResidual, SurfaceLines
+from jaxmocap.character import Character, Pose, retract
+from jaxmocap.energies import LandmarkRays, LineResidual, SurfaceLines
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
 
 
@@ -18,31 +18,6 @@ class Rows(NamedTuple):
     lines: SurfaceLines
     scale: float | Array
     robust: float | Array
-
-
-class LandmarkRays(eqx.Module):
-    """Landmarks tied to the rays of 2D keypoints: `mix (row, landmark)` averages landmarks (the neck keypoint is the
-    middle of the shoulders). `scale` and `robust` in metres."""
-
-    mix: Float[Array, "row landmark"]
-    direction: Float[Array, "row 3"]
-    moment: Float[Array, "row 3"]
-    weight: Float[Array, "row"]
-    scale: Float[Array, ""]
-    robust: Float[Array, ""]
-
-    def __call__(self, character: Character, pose: Pose) -> Float[Array, "rows"]:
-        return self.of(landmark_positions(character.skeleton, pose))
-
-    def of(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "rows"]:
-        """The residual of landmarks that stand here, in the world."""
-        error = self.distances(landmarks)
-        square = jnp.sum(error**2, axis=-1) / self.robust**2
-        return (error * (jnp.sqrt(self.weight) * jax.lax.rsqrt(1.0 + square) / self.scale)[:, None]).reshape(-1)
-
-    def distances(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "row 3"]:
-        """Vectors as long as the distance from each row's point to its ray, metres, unweighted."""
-        return jnp.cross(self.mix @ landmarks, self.direction) - self.moment
 
 
 class Prior(NamedTuple):

@@ -4,24 +4,40 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, UInt8
 
-from jaxmocap.character import Pose, difference, retract
-from jaxmocap.energies import contour_lines
-from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle
+from jaxmocap.character import Pose, Skeleton, difference, retract
+from jaxmocap.energies import LandmarkRays, contour_lines, keypoint_rays
+from jaxmocap.observation import BODY_25, FACE, FrameImages, FrameProblem, Observations, Rectangle
 
 from ._least_squares import Prior, Rows, descend, free_prior
 from ._past import Past
 from ._register import draw
 from ._surface_flow import Source, picture_source, surface_flow
-from ._tracker import RefinePlan
+from ._tracker import DetectionPlan, RefinePlan
+
+
+def detection_rays(
+    skeleton: Skeleton, problem: FrameProblem, plan: DetectionPlan, robust: float | None = None
+) -> LandmarkRays:
+    """The rows of a frame's detections."""
+    return keypoint_rays(
+        skeleton,
+        problem.intrinsics,
+        problem.cam_from_world,
+        problem.keypoints,
+        scale=plan.scale,
+        robust=plan.robust if robust is None else robust,
+        table=BODY_25 | FACE,
+    )
 
 
 class Refinement:
     """Refines poses of a sequence's frames; keeps the pictures of the selected frames it compares with (host)."""
 
-    def __init__(self, observations: Observations, plan: RefinePlan):
+    def __init__(self, observations: Observations, plan: RefinePlan, detections: DetectionPlan | None = None):
         self.observations = observations
         self.character = observations.character
         self.plan = plan
+        self.detections = detections
         self._selected: dict[tuple[int, int], Source] = {}
 
     def __call__(
@@ -31,6 +47,8 @@ class Refinement:
         plan, skeleton = self.plan, self.character.skeleton
         base = past.pose if past is not None else pose
         prior = self._motion_prior(base, past)
+        detections = self.detections
+        points = () if detections is None else (detection_rays(skeleton, problem, detections),)
         hessian = None
         crops = [rectangle.crop(image, c) for c, image in enumerate(shown.images)]
         for round_index in range(plan.rounds):
@@ -44,7 +62,7 @@ class Refinement:
                 rows += self._surface_rows(vertices, ids, crops, shown.frame, problem, widen)
             delta = difference(skeleton, base, pose)
             delta, hessian = descend(
-                self.character, base, delta, tuple(rows), (), prior, plan.refiner, steps=plan.steps
+                self.character, base, delta, tuple(rows), points, prior, plan.refiner, steps=plan.steps
             )
             pose = retract(skeleton, base, delta)
         return pose, np.asarray(hessian) if hessian is not None else None

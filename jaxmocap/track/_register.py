@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +15,14 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject, choose_frames
 from jaxmocap.character import Character, Pose, pose_from_vector, pose_vector, rest_pose, retract, skin
-from jaxmocap.energies import ContourSettings, SearchEnergy, Silhouette, contour_lines
+from jaxmocap.energies import (
+    ContourSettings,
+    LandmarkRays,
+    SearchEnergy,
+    Silhouette,
+    contour_lines,
+    keypoint_rays,
+)
 from jaxmocap.observation import (
     FrameProblem,
     Rectangle,
@@ -25,14 +31,15 @@ from jaxmocap.observation import (
     mask_edges,
     place_rectangle,
     projected_box,
+    stacked_keypoints,
     surface_of,
 )
 from jaxmocap.refiners import AbstractRefiner, Shooting
 from jaxmocap.render import face_ids
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
 
-from ._inverse_kinematics import inverse_kinematics, keypoint_rays
-from ._least_squares import LandmarkRays, Prior, Rows, descend, free_prior
+from ._inverse_kinematics import inverse_kinematics
+from ._least_squares import Prior, Rows, descend, free_prior
 from ._search import Stage, group_searches, initial_spread
 from ._surface_flow import FlowSettings, Source, surface_flow
 
@@ -313,7 +320,8 @@ def register_frame(
     fixed: list[int] = []
     if overrides:
         pose, fixed = apply_overrides(character, pose, overrides)
-    landmarks = (eqx.tree_at(lambda r: r.scale, keypoint_rays(character, view, keypoints), jnp.asarray(0.08)),)
+    seen = jnp.asarray(stacked_keypoints(keypoints))
+    landmarks = (keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale=0.08),)
     images = [capture.image(c, frame) for c in views]
     masks = [capture.mask(c, frame) for c in views]
     if surface is None:

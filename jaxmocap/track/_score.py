@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from jaxmocap.character import Character, Pose, difference
 from jaxmocap.energies import Region, SearchEnergy, body_part, covered_cost, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem
+from jaxmocap.render import to_screen
 
 from ._register import draw
 
@@ -54,16 +55,24 @@ def covered_costs(ids: Int[Array, "camera height width"], problem: FrameProblem)
 
 
 class Seen(NamedTuple):
-    """Face ids of a pose in the rectangle, and Eq. 6 of each pixel by its face."""
+    """Face ids of a pose in the rectangle, Eq. 6 of each pixel by its face, and the face drawn where each vertex
+    projects to, -1 for none."""
 
     ids: Int[np.ndarray, "camera height width"]
     costs: Float[np.ndarray, "camera height width"]
+    over: Int[np.ndarray, "camera vertex"]
 
 
 def look_at(character: Character, pose: Pose, problem: FrameProblem) -> Seen:
     """Draw a pose and cost its pixels."""
-    _, ids, _ = draw(character, pose, problem)
-    return Seen(np.asarray(ids), np.asarray(covered_costs(ids, problem)))
+    vertices, ids, _ = draw(character, pose, problem)
+    drawn, over = np.asarray(ids), np.full((problem.num_cameras, vertices.shape[0]), -1)
+    for camera in range(problem.num_cameras):
+        screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
+        column, row = np.nan_to_num(np.round(np.asarray(screen)[:2]), nan=-1.0).clip(-1, 2**15).astype(int)
+        inside = (column >= 0) & (row >= 0) & (column < problem.size[1]) & (row < problem.size[0])
+        over[camera, inside] = drawn[camera, row[inside], column[inside]]
+    return Seen(drawn, np.asarray(covered_costs(ids, problem)), over)
 
 
 def unexplained(ids: Int[np.ndarray, "camera height width"], problem: FrameProblem) -> float:

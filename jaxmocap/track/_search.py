@@ -250,15 +250,10 @@ class GroupSearch:
     simple: dict[float, tuple[Mesh, BodyPart]] = field(default_factory=dict)
     sizes: Sizes = field(default_factory=lambda: Sizes(256))
     outer: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
-    everywhere: bool = False
 
     def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
-        """Corners of the region in the rectangle; its size grows in steps and never beyond the rectangle. With
-        `everywhere` it is the rectangle: a limb that is looked for far away would make it grow, and compile, often."""
+        """Corners of the region in the rectangle; its size grows in steps and never beyond the rectangle."""
         height, width = problem.size
-        if self.everywhere:
-            self.sizes.region = problem.size
-            return np.zeros((len(boxes), 2), np.int32)
         boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
         extent = (boxes[:, 2:] - boxes[:, :2]).max(0) + 16
         size = []
@@ -361,11 +356,9 @@ def alike_parts(character: Character) -> dict[str, BodyPart]:
     return parts
 
 
-def group_searches(
-    character: Character, meshes: Mapping[float, Mesh] | None = None, everywhere: bool = False
-) -> list[GroupSearch]:
+def group_searches(character: Character, meshes: Mapping[float, Mesh] | None = None) -> list[GroupSearch]:
     """One search per group of the skeleton. `meshes` holds a simplified mesh for every share of the faces that a stage
-    names, except 1. `everywhere` searches the whole rectangle."""
+    names, except 1."""
     parts = alike_parts(character)
     simple = {share: (mesh, alike_parts(mesh.character)) for share, mesh in (meshes or {}).items()}
     shared: dict[str, Sizes] = {}
@@ -374,7 +367,7 @@ def group_searches(
         sizes = shared.setdefault(name.split("_")[-1], Sizes(_power(1.3 * character.faces.shape[0])))
         coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
         outer = jnp.array([any(part in character.skeleton.dof_names[dof] for part in _OUTER) for dof in dofs])
-        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, outer, everywhere))
+        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, outer))
     return searches
 
 

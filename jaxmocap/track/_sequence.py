@@ -12,7 +12,7 @@ from jaxmocap._results import InputError
 from jaxmocap._runtime import release_memory
 from jaxmocap.appearance import Appearance
 from jaxmocap.camera import Cameras
-from jaxmocap.capture import Capture
+from jaxmocap.capture import Capture, Detections
 from jaxmocap.character import Character, Pose
 from jaxmocap.motion import Motion, cameras_at
 from jaxmocap.observation import FrameImages, Observations
@@ -41,9 +41,10 @@ def observe(
     character: Character,
     appearance: Appearance,
     key_poses: dict[int, Registration] | dict[int, Pose],
+    detections: Detections | None = None,
 ) -> Observations:
     """The capture's frames as problems, decoded one at a time while they are tracked."""
-    return Observations(capture, cameras, character, appearance, key_poses_of(key_poses))
+    return Observations(capture, cameras, character, appearance, key_poses_of(key_poses), detections=detections)
 
 
 def _backwards(capture: Capture, start: int, stop: int) -> Iterator[FrameImages]:

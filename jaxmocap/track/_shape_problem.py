@@ -19,10 +19,8 @@ from jaxmocap.character import (
     retract,
     scaled,
 )
-from jaxmocap.energies import LineResidual, SurfaceLines, bend
+from jaxmocap.energies import LandmarkRays, LineResidual, SurfaceLines, bend
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
-
-from ._least_squares import LandmarkRays
 
 OFFSETS = {
     "shoulder": "clavicle", "hip": "pelvis", "nose": "head", "eye": "head", "ear": "head", "toe": "foot", "heel": "foot"

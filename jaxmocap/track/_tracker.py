@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from jaxmocap._results import InputError
 from jaxmocap._types import Knob, knob
 from jaxmocap.appearance import AppearanceSettings, ForegroundSettings
-from jaxmocap.energies import ContourSettings, SearchEnergy, search_energy
+from jaxmocap.energies import ContourSettings, Keypoints, SearchEnergy, search_energy
 from jaxmocap.refiners import AbstractRefiner, LeastSquares
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
 
@@ -97,11 +97,23 @@ class RefinePlan:
 
 
 @dataclass(frozen=True)
+class DetectionPlan:
+    """How a detector's keypoints count, where the observations have any: as the term `search` of the search energy, and
+    as rows of the refinement, where `scale` metres from a point's ray count as 1 and beyond `robust` metres it fades.
+    """
+
+    search: Keypoints = field(default_factory=Keypoints)
+    scale: float = 0.1
+    robust: float = 0.05
+
+
+@dataclass(frozen=True)
 class Tracker:
     """`Tracker()` is the paper. `Tracker.preset(quality)` are the settings of the command line's `--quality`.
 
     `search_energy` is Eq. 5. `search` None skips the sample-based search, `refine` None the refinement (the ablations
     of Figs. 12 and 14). `polish` follows the search downhill on its own energy before the refinement; not in the paper.
+    `detections` lets keypoints count, where there are any, and makes the tracker a hybrid; None is photometric.
     `flow_start` starts each frame from optical flow (sec. 4.1, Initialization). `angles` "roomier" begins each frame
     with those of the two sets of angles of a shoulder or hip that are farther from the joint limits (the same
     rotation, see `character.roomier`); "same" is the paper. `prediction` starts the root, the torso and each limb
@@ -112,11 +124,18 @@ class Tracker:
     search: SearchPlan | None = field(default_factory=SearchPlan)
     refine: RefinePlan | None = field(default_factory=RefinePlan)
     polish: PolishPlan | None = None
+    detections: DetectionPlan | None = None
     flow_start: bool = True
     prediction: bool = False
     angles: AngleChoice = "same"
     flow: FlowSettings = field(default_factory=FlowSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
+
+    @property
+    def scored(self) -> SearchEnergy:
+        """The energy that frames are scored by: `search_energy`, with the detections if they count."""
+        extra = () if self.detections is None else (self.detections.search,)
+        return SearchEnergy((*self.search_energy.terms, *extra))
 
     @staticmethod
     def preset(quality: Quality = "normal") -> "Tracker":
@@ -138,7 +157,7 @@ class Tracker:
         efforts = (Effort(4, 10, 0.25), Effort(2, 6, 0.5))
         if quality == "normal":
             economy = {"calm": Calm(), "retry": Retry(), "hindsight": Hindsight()}
-            search = SearchPlan(efforts, particles=96, trunk=0.6, **economy)
+            search = SearchPlan(efforts, particles=96, trunk=0.6, wide=0.25, **economy)
             return Tracker(fast, search, plan, prediction=True, angles="roomier")
         if quality == "draft":
             coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6)

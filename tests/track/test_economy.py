@@ -5,7 +5,8 @@ import pytest
 
 from jaxmocap.track import Calm
 from jaxmocap.track._confidence import dominant_bodies
-from jaxmocap.track._economy import Restraint, group_bodies, mean_costs
+from jaxmocap.track._economy import Restraint, group_bodies, mean_costs, seen_shares
+from jaxmocap.track._score import look_at
 
 SLOW, FAST = 0.1, 5.0
 
@@ -52,3 +53,16 @@ def test_costs_are_means_over_the_pixels_of_the_bodies(world):
     found = mean_costs(groups, bodies, ids, costs)
     assert found[0] == pytest.approx(costs[ids >= 0].mean())
     assert np.isnan(found[1])
+
+
+def test_a_limb_in_front_is_seen_and_one_behind_the_body_is_not(world):
+    skeleton, bodies = world.character.skeleton, dominant_bodies(world.character)
+    groups = [group_bodies(world.character, skeleton.group(name), outer=True) for name in ("l_arm", "r_arm")]
+    own = np.asarray(world.character.weights).argmax(1)
+    arm, trunk = np.flatnonzero(groups[0][bodies])[0], np.flatnonzero(~(groups[0] | groups[1])[bodies])[0]
+    over = np.full((2, len(own)), -1)
+    over[:, groups[0][own]] = [[arm], [trunk]]
+    over[:, groups[1][own]] = trunk
+    np.testing.assert_allclose(seen_shares(groups, world.character, bodies, over), [1.0, 0.0])
+    seen = look_at(world.character, world.pose(0), world.problem(0))
+    assert seen_shares(groups, world.character, bodies, seen.over).min() > 0.8

@@ -10,7 +10,7 @@ from jaxmocap.character import clamp, difference, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.track import Effort, FrameTracker, Hindsight, SearchPlan, Tracker
 from jaxmocap.track._clock import Clock
-from jaxmocap.track._hindsight import doubtful_run, with_limb
+from jaxmocap.track._hindsight import doubtful_run, stray, with_limb
 
 LOST = 1
 
@@ -50,10 +50,10 @@ def arm_away(world):
     return clamp(skeleton, retract(skeleton, world.pose(LOST), jnp.asarray(delta)))
 
 
-def looked_back(world, poses):
+def looked_back(world, poses, hindsight=Hindsight()):
     """A tracker that has found these poses in the three frames, and what it says on looking back."""
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
-    plan = SearchPlan((Effort(2, 12),), particles=64, hindsight=Hindsight())
+    plan = SearchPlan((Effort(2, 12),), particles=64, hindsight=hindsight)
     tracker = FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0))
     found = []
     for frame, pose in enumerate(poses):
@@ -79,6 +79,29 @@ def test_a_lost_arm_is_found_from_the_frame_after(world):
     moved = difference(world.character.skeleton, revised[0].pose, poses[2])
     np.testing.assert_allclose(tracker.past.increments[-1], moved, atol=1e-6)
     assert tracker.look_back() == []
+
+
+def test_a_limb_is_compared_with_halfway_and_not_with_where_the_body_went(world):
+    skeleton = world.character.skeleton
+    arm, leg = skeleton.group("l_arm"), skeleton.group("l_leg")
+    poses = [world.pose(0), arm_away(world), world.pose(2)]
+    far, middle = stray(skeleton, *poses, arm)
+    assert far > 0.3
+    assert stray(skeleton, poses[0], middle, poses[2], arm)[0] < 1e-3
+    assert stray(skeleton, *poses, leg)[0] < 0.02
+    shift = jnp.zeros(39).at[0].set(0.5)
+    jumped = retract(skeleton, poses[1], shift)
+    assert stray(skeleton, poses[0], jumped, poses[2], leg)[0] < 0.02
+
+
+def test_an_arm_that_left_its_way_for_a_frame_is_searched_from_halfway(world):
+    """All three frames look alike in cost, so that only the way tells."""
+    poses = [world.pose(0), arm_away(world), world.pose(2)]
+    _, _, revised = looked_back(world, poses, Hindsight(foreign=2.0))
+    assert [result.frame for result in revised] == [LOST]
+    assert vertex_errors(world, LOST, revised[0].pose).mean() < 0.01
+    assert looked_back(world, poses, Hindsight(foreign=2.0, stray=9.0))[2] == []
+    assert looked_back(world, poses, Hindsight(foreign=2.0, jolt=1e5))[2] == []
 
 
 def test_nothing_is_changed_where_nothing_is_doubtful(world):

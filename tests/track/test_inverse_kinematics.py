@@ -3,35 +3,18 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from synthetic_world import POINTS
 
 from jaxmocap._results import InputError
-from jaxmocap.camera import project
 from jaxmocap.character import Pose, clamp, landmark_positions, rest_pose
 from jaxmocap.refiners import Shooting
-from jaxmocap.track import inverse_kinematics, keypoint_rays
+from jaxmocap.track import inverse_kinematics
 
 FRAME = 1
-POINTS = {
-    "nose": 0, "r_shoulder": 2, "r_elbow": 3, "r_wrist": 4, "l_shoulder": 5, "l_elbow": 6, "l_wrist": 7, "r_hip": 9,
-    "r_knee": 10, "r_ankle": 11, "l_hip": 12, "l_knee": 13, "l_ankle": 14, "l_toe": 19, "l_heel": 21, "r_toe": 22,
-    "r_heel": 24,
-}  # fmt: skip
-MIDDLES = {1: ("l_shoulder", "r_shoulder"), 8: ("l_hip", "r_hip")}
 
 
 def keypoints_of(world, pose):
-    """BODY_25 points of both views without error; eyes, ears and small toes are not found."""
-    skeleton, view = world.character.skeleton, world.cameras.at(FRAME)
-    places = np.asarray(landmark_positions(skeleton, pose))
-    at = dict(zip(skeleton.landmark_names, places, strict=True))
-    body = np.zeros((25, 3), np.float32)
-    for name, index in POINTS.items():
-        body[index] = at[name]
-    for index, (left, right) in MIDDLES.items():
-        body[index] = 0.5 * (at[left] + at[right])
-    pixels, _ = project(view.intrinsics, view.cam_from_world, jnp.asarray(body))
-    confidence = np.isin(np.arange(25), [*POINTS.values(), *MIDDLES]).astype(np.float32)
-    return [np.concatenate([np.asarray(p), confidence[:, None]], 1) for p in pixels]
+    return list(world.keypoints(FRAME, pose))
 
 
 @pytest.fixture(scope="module")
@@ -106,20 +89,3 @@ def test_too_few_points_are_refused_in_a_sentence(keypoints, solve, missing):
         InputError, match=rf"^frame 7 of 'x': {count} keypoints are seen by two cameras, .*three are needed"
     ):
         solve(spoilt, "frame 7 of 'x'")
-
-
-def test_rays_of_the_truth_have_no_residual(world, keypoints):
-    lines = keypoint_rays(world.character, world.cameras.at(FRAME), keypoints)
-    assert lines.weight.shape == (2 * (len(POINTS) + len(MIDDLES)),)
-    np.testing.assert_allclose(np.asarray(lines.mix).sum(1), 1, atol=1e-6)
-    residual = np.asarray(lines(world.character, world.pose(FRAME))) * 0.02  # in metres
-    assert np.abs(residual).max() < 2e-4
-
-
-def test_unseen_points_make_no_rows(world, keypoints):
-    half = [keypoints[0].copy(), None]
-    half[0][:10, 2] = 0
-    lines = keypoint_rays(world.character, world.cameras.at(FRAME), half)
-    assert lines.weight.shape == (sum(index >= 10 for index in POINTS.values()),)
-    nothing = keypoint_rays(world.character, world.cameras.at(FRAME), [None, None])
-    np.testing.assert_array_equal(nothing(world.character, world.pose(FRAME)), 0)

@@ -1,0 +1,49 @@
+"""A detector's keypoints at many frames of a capture, beside those of the selected frames."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from jaxmocap._results import InputError
+
+from ._capture import Capture
+from ._keypoints import keypoint_file
+
+
+@dataclass(frozen=True)
+class Detections:
+    """OpenPose BODY_25 files in `folder`, named as the capture's keypoints are; a frame or camera may be missing.
+    `frames` are the positions at which they may be used, None for all."""
+
+    capture: Capture
+    folder: Path
+    frames: Collection[int] | None = None
+
+    @staticmethod
+    def open(capture: Capture, folder: str | Path, frames: Collection[int] | None = None) -> "Detections":
+        """Raises `InputError` when the folder does not exist or has no file of this capture in the frames asked for."""
+        folder = Path(folder)
+        if not folder.is_dir():
+            raise InputError(f"detections {folder}: there is no such folder; give one with OpenPose BODY_25 files.")
+        detections = Detections(capture, folder, frames)
+        if not any(detections.has(c, f) for f in range(capture.num_frames) for c in range(capture.num_cameras)):
+            name = keypoint_file(folder, capture.camera_names[0], int(capture.video_frames[0, 0])).name
+            raise InputError(
+                f"detections {folder} hold no file of capture '{capture.name}' in the frames asked for; files are "
+                f"named {name} and so on."
+            )
+        return detections
+
+    def has(self, camera_index: int, frame: int) -> bool:
+        """Whether there is a file that may be used."""
+        own = int(self.capture.video_frames[camera_index, frame])
+        wanted = self.frames is None or frame in self.frames
+        return wanted and keypoint_file(self.folder, self.capture.camera_names[camera_index], own).is_file()
+
+    def people(self, camera_index: int, frame: int) -> list[Float64[np.ndarray, "25 3"]]:
+        """Everybody found in one view; empty where there is no file that may be used. Raises `InputError` for a file
+        that cannot be read."""
+        return self.capture.people(camera_index, frame, self.folder) if self.has(camera_index, frame) else []

@@ -1,0 +1,90 @@
+"""2D keypoints of a detector: rays that landmarks should lie on, as residuals and as a term of the search energy."""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from jaxmocap._types import Knob, knob
+from jaxmocap.character import Character, Pose, Skeleton, landmark_positions
+from jaxmocap.observation import BODY_25, FACE, FrameProblem
+
+from ._lines import rays
+
+LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3} | dict.fromkeys(FACE, 0.3)
+"""Points whose definition differs between a detector and a skeleton count less."""
+
+
+class LandmarkRays(eqx.Module):
+    """Landmarks tied to the rays of 2D keypoints: `mix (row, landmark)` averages landmarks (the neck keypoint is the
+    middle of the shoulders). `scale` and `robust` in metres; rows of weight 0 are points that were not found."""
+
+    mix: Float[Array, "row landmark"]
+    direction: Float[Array, "row 3"]
+    moment: Float[Array, "row 3"]
+    weight: Float[Array, "row"]
+    scale: Float[Array, ""]
+    robust: Float[Array, ""]
+
+    def __call__(self, character: Character, pose: Pose) -> Float[Array, "rows"]:
+        return self.of(landmark_positions(character.skeleton, pose))
+
+    def of(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "rows"]:
+        """The residual of landmarks that stand here, in the world."""
+        error = self.distances(landmarks)
+        square = jnp.sum(error**2, axis=-1) / self.robust**2
+        return (error * (jnp.sqrt(self.weight) * lax.rsqrt(1.0 + square) / self.scale)[:, None]).reshape(-1)
+
+    def distances(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "row 3"]:
+        """Vectors as long as the distance from each row's point to its ray, metres, unweighted."""
+        return jnp.cross(self.mix @ landmarks, self.direction) - self.moment
+
+
+def keypoint_rays(
+    skeleton: Skeleton,
+    intrinsics: Float[Array, "camera 3 3"],
+    cam_from_world: Float[Array, "camera 4 4"],
+    keypoints: Float[Array, "camera 25 3"],
+    scale: float | Array = 0.02,
+    robust: float | Array = 0.1,
+    table: Mapping[int, tuple[str, ...]] = BODY_25,
+) -> LandmarkRays:
+    """A row for every keypoint of `table` in every view; x, y are pixels of the undistorted image, the third number is
+    the detector's confidence and weighs the row (0: not found). `scale` metres count as 1, beyond `robust` metres a
+    point fades. Points whose landmarks the skeleton does not have are left out."""
+    names = skeleton.landmark_names
+    known = {index: parts for index, parts in table.items() if all(part in names for part in parts)}
+    mix = np.array([[parts.count(name) / len(parts) for name in names] for parts in known.values()], np.float32)
+    index = np.array(list(known))
+    loose = jnp.array([LOOSE.get(point, 1.0) for point in known])
+    cameras = keypoints.shape[0]
+    lines = [rays(intrinsics[c], cam_from_world[c], keypoints[c, index, :2]) for c in range(cameras)]
+    return LandmarkRays(
+        jnp.tile(jnp.asarray(mix), (cameras, 1)),
+        jnp.concatenate([direction for _, direction, _ in lines]),
+        jnp.concatenate([moment for _, _, moment in lines]),
+        (jnp.maximum(keypoints[:, index, 2], 0.0) * loose).reshape(-1),
+        jnp.asarray(scale, jnp.float32),
+        jnp.asarray(robust, jnp.float32),
+    )
+
+
+class Keypoints(eqx.Module):
+    """How far landmarks are from the rays of the frame's detections, each faded by Geman and McClure beyond `robust`
+    metres and weighed by its confidence; the mean over all views and points there could be, in [0, 1], so that a frame
+    with few detections is judged by its pixels. The paper names this as future work."""
+
+    weight: Knob = knob(1.0)
+    robust: Knob = knob(0.1)
+
+    name = "keypoints"
+
+    def score_pose(self, skeleton: Skeleton, pose: Pose, problem: FrameProblem) -> Float[Array, ""]:
+        lines = keypoint_rays(
+            skeleton, problem.intrinsics, problem.cam_from_world, problem.keypoints, table=BODY_25 | FACE
+        )
+        square = jnp.sum(lines.distances(landmark_positions(skeleton, pose)) ** 2, -1)
+        return jnp.mean(lines.weight * square / (square + self.robust**2))

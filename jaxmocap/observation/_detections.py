@@ -1,0 +1,71 @@
+"""A detector's 2D keypoints: what they mean on our skeleton, and which of several people is ours."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxmocap.camera import View, project
+from jaxmocap.character import Character, Pose, landmark_positions
+
+BODY_25 = {
+    0: ("nose",),
+    1: ("l_shoulder", "r_shoulder"),
+    2: ("r_shoulder",),
+    3: ("r_elbow",),
+    4: ("r_wrist",),
+    5: ("l_shoulder",),
+    6: ("l_elbow",),
+    7: ("l_wrist",),
+    8: ("l_hip", "r_hip"),
+    9: ("r_hip",),
+    10: ("r_knee",),
+    11: ("r_ankle",),
+    12: ("l_hip",),
+    13: ("l_knee",),
+    14: ("l_ankle",),
+    19: ("l_toe",),
+    21: ("l_heel",),
+    22: ("r_toe",),
+    24: ("r_heel",),
+}
+"""Which landmarks, averaged, an OpenPose BODY_25 point is."""
+
+FACE = {15: ("r_eye",), 16: ("l_eye",), 17: ("r_ear",), 18: ("l_ear",)}
+"""The points of BODY_25 that say where the head looks."""
+
+
+FARTHEST = 0.35
+"""A person whose points lie farther than this share of our person's height from where they are expected (median) is
+somebody else."""
+
+
+def stacked_keypoints(keypoints: Sequence[Float[np.ndarray, "25 3"] | None]) -> Float[np.ndarray, "camera 25 3"]:
+    """Keypoints of all views as one array; a view without a person has confidence 0 everywhere."""
+    return np.stack([np.zeros((25, 3)) if points is None else points for points in keypoints]).astype(np.float32)
+
+
+def expected_keypoints(character: Character, pose: Pose, view: View) -> Float[np.ndarray, "camera 25 2"]:
+    """Where a detector should see the points of `BODY_25`, in pixels; NaN for those not in it."""
+    names = character.skeleton.landmark_names
+    places = np.asarray(landmark_positions(character.skeleton, pose))
+    points = np.full((view.intrinsics.shape[0], 25, 2), np.nan)
+    known = {index: parts for index, parts in BODY_25.items() if all(part in names for part in parts)}
+    means = np.stack([places[[names.index(part) for part in parts]].mean(0) for parts in known.values()])
+    for camera in range(len(points)):
+        pixels, _ = project(view.intrinsics[camera], view.cam_from_world[camera], jnp.asarray(means, jnp.float32))
+        points[camera, list(known)] = np.asarray(pixels)
+    return points
+
+
+def nearest_person(
+    people: Sequence[Float[np.ndarray, "25 3"]], expected: Float[np.ndarray, "25 2"]
+) -> Float[np.ndarray, "25 3"] | None:
+    """The person whose points lie nearest to the expected ones in the median; None when nobody is near enough."""
+    best, found = FARTHEST * float(np.ptp(expected[np.isfinite(expected[:, 1]), 1], axis=0)), None
+    for points in people:
+        distance = np.linalg.norm(points[:, :2] - expected, axis=1)[(points[:, 2] > 0) & np.isfinite(expected[:, 0])]
+        if distance.size and np.median(distance) < best:
+            best, found = float(np.median(distance)), points
+    return found
