@@ -184,7 +184,7 @@ def track_capture(
             "selected_frames": selection,
             "registration": registration_record(registrations, character, mask_record(capture, found)),
         }
-        motion = motion_of(observations, results, provenance)
+        motion = motion_of(observations, results, provenance, tracker.verdict)
         motion.save(staging)
         write_json(staging / "registration.json", provenance["registration"])
         write_json(

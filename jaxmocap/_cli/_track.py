@@ -93,8 +93,13 @@ def sentence(motion: "Motion", out: Path) -> str:
 
 
 def report_lost(motion: "Motion") -> int:
-    """The exit code, after naming the lost frames."""
+    """The exit code, after naming what was lost."""
     from jaxmocap.camera import ranges
+
+    for span in motion.provenance["lost"]:
+        if span["part"] != "body":
+            frames = ranges(list(range(span["first"], span["last"] + 1)))
+            say(f"The {span['part']} is lost in frame{'s' * (span['last'] > span['first'])} {frames}: {span['why']}.")
 
     lost = motion.frames[motion.status == "lost"].tolist()
     if not lost:

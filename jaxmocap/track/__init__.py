@@ -9,6 +9,7 @@ from ._fit_character import (
 )
 from ._frame import FrameResult as FrameResult, FrameTracker as FrameTracker
 from ._inverse_kinematics import inverse_kinematics as inverse_kinematics
+from ._lost import LostSpan as LostSpan, lost_spans as lost_spans
 from ._polish import PolishPlan as PolishPlan, polish as polish
 from ._register import (
     Overrides as Overrides,

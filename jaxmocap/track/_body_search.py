@@ -10,11 +10,14 @@ from jaxmocap.observation import FrameProblem, Observations
 
 from ._clock import Clock
 from ._confidence import dominant_bodies
-from ._economy import Restraint, Retry, group_bodies, mean_costs, seen_shares
+from ._economy import Restraint, Retry, group_bodies, mean_costs, outer_halves, seen_shares
 from ._past import Past
 from ._score import PoseScore, Seen, look_at, unexplained
 from ._search import Stage, group_searches, initial_spread, is_limb, simplified_mesh
 from ._tracker import SearchPlan, sigma_floor
+
+WIDE_TRUNK = 0.5
+"""Share of far particles when the whole person is looked for."""
 
 
 class BodySearch:
@@ -38,14 +41,18 @@ class BodySearch:
         faces = np.asarray(self.character.faces)
         self.vertices = [np.unique(faces[np.asarray(group.part.moves)]) for group in self.groups]
         self.bodies = [group_bodies(self.character, group.dofs) for group in self.groups]
-        self.outer_bodies = [group_bodies(self.character, self.groups[n].dofs, outer=True) for n in self.limbs]
+        self.outer_bodies = outer_halves(self.character)
         self.restraint = Restraint(plan.calm, len(self.groups)) if plan.calm is not None else None
 
     def __call__(
-        self, pose: Pose, problem: FrameProblem, frame: int, past: Past | None, clock: Clock
+        self, pose: Pose, problem: FrameProblem, frame: int, past: Past | None, clock: Clock, lost: bool = False
     ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
-        """The pose found from this start, and the deviation of the last particles."""
+        """The pose found from this start, and the deviation of the last particles. When the person was `lost`, root and
+        torso look further afield too."""
         deviation = np.zeros(39)
+        if lost and self.plan.reacquire > 0:
+            with clock.stage("reacquire"):
+                pose = self._reacquired(pose, problem, frame)
         wanted = self._wanted(pose, problem, past, clock)
         for number in np.flatnonzero(wanted):
             with clock.stage(f"search {self.groups[number].name}"):
@@ -61,27 +68,43 @@ class BodySearch:
         return jax.random.fold_in(jax.random.fold_in(self.key, frame), number)
 
     def group(
-        self, number: int, pose: Pose, problem: FrameProblem, past: Past | None, key: PRNGKeyArray
+        self,
+        number: int,
+        pose: Pose,
+        problem: FrameProblem,
+        past: Past | None,
+        key: PRNGKeyArray,
+        wide: float | None = None,
     ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
-        """Search one group."""
+        """Search one group; `wide` is the share of far particles, by default the plan's for a limb and else none."""
         plan, group = self.plan, self.groups[number]
         limb = is_limb(group)
+        wide = (plan.wide if limb else 0.0) if wide is None else wide
         pace = past.pace(self.fps) if past is not None and plan.wide == 0 else 1.0
         stages = tuple(Stage(self.energy, *effort) for effort in plan.stages)
         share = 1.0 if limb else plan.trunk
         sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), share)
         spread = self.spread * plan.spread * pace * share
-        found = group(stages, sampler, self.character, pose, problem, spread, key, plan.wide if limb else 0.0)
+        found = group(stages, sampler, self.character, pose, problem, spread, key, wide)
         return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
-
-    def outer_costs(self, seen: Seen) -> Float[np.ndarray, "limb"]:
-        """Mean cost of Eq. 6 over each limb's outer half; NaN where it is not seen."""
-        return mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs)
 
     def learn(self, seen: Seen) -> None:
         """Remember how well a frame's answer explains each group."""
         if self.restraint is not None:
             self.restraint.learn(mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
+
+    def _reacquired(self, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
+        """The best of some searches for root and torso that look further afield."""
+        trunk = [number for number, group in enumerate(self.groups) if not is_limb(group)]
+        found = [pose]
+        for attempt in range(self.plan.reacquire):
+            answer = pose
+            for number in trunk:
+                key = self.key_of(frame, 400 + 10 * attempt + number)
+                answer, _ = self.group(number, answer, problem, None, key, WIDE_TRUNK)
+            found.append(answer)
+        totals, _ = self.score(problem, found)
+        return found[int(np.argmin(totals))]
 
     def _wanted(self, pose: Pose, problem: FrameProblem, past: Past | None, clock: Clock) -> Bool[np.ndarray, "group"]:
         """The groups to search from this start."""
@@ -97,7 +120,7 @@ class BodySearch:
     def _again(self, retry: Retry, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
         """Limbs that seem lost; the answer counts where it pays."""
         seen = look_at(self.character, pose, problem)
-        doubtful = self.outer_costs(seen) > retry.foreign
+        doubtful = mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs) > retry.foreign
         doubtful |= seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over) < retry.hidden
         doubtful |= unexplained(seen.ids, problem) > retry.uncovered
         for number in np.array(self.limbs)[doubtful]:

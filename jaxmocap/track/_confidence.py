@@ -22,13 +22,19 @@ class VerdictSettings:
     """Mean cost of Eq. 6 over the covered pixels (0 explains them, 0.5 says nothing, 1 is background): above
     `doubtful` or `lost`, or when the body moves faster than `top_speed` metres per second, the frame is called so; it
     is doubtful, too, when more than `uncovered` of the person's pixels look foreign but are not covered, as an arm that
-    was lost."""
+    was lost. A limb is lost when less than `hidden` of its outer half is seen in any view, when the mean cost of that
+    half is above `foreign`, or when it is more than `stray` metres from halfway between the frames before and after, an
+    acceleration above `jolt` metres per second squared."""
 
     doubtful: float = 0.42
     lost: float = 0.55
     top_speed: float = 15.0
     uncovered: float = 0.06
     least_pixels: int = 30
+    hidden: float = 0.25
+    foreign: float = 0.7
+    stray: float = 0.25
+    jolt: float = 300.0
 
 
 def dominant_bodies(character: Character) -> Int[np.ndarray, "face"]:

@@ -62,6 +62,12 @@ def group_bodies(character: Character, dofs: tuple[int, ...], outer: bool = Fals
     return np.asarray(skeleton.moved_by()[np.array(hinges or dofs) - 6].any(0))
 
 
+def outer_halves(character: Character) -> list[Bool[np.ndarray, "body"]]:
+    """The bodies beyond the elbow or knee of each limb, in the order of the skeleton's groups."""
+    limbs = [dofs for name, dofs in character.skeleton.groups if name.endswith(("arm", "leg"))]
+    return [group_bodies(character, dofs, outer=True) for dofs in limbs]
+
+
 def mean_costs(
     groups: list[Bool[np.ndarray, "body"]],
     face_bodies: Int[np.ndarray, "face"],

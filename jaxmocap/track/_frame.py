@@ -15,6 +15,7 @@ from jaxmocap.refiners import Shooting
 from ._body_search import BodySearch
 from ._clock import Clock
 from ._confidence import dominant_bodies, judge
+from ._economy import mean_costs, outer_halves, seen_shares
 from ._hindsight import Tracked, look_back
 from ._least_squares import Rows, descend, free_prior
 from ._past import Past, after
@@ -36,7 +37,8 @@ ONTO_ROBUST, ONTO_STEPS = 0.3, 8
 @dataclass
 class FrameResult:
     """What was found in one frame: the pose, the energies of Eq. 5 by term, how far it may be trusted, the deviation
-    of the last particles (39,), the J^T J of the refinement, and seconds by stage."""
+    of the last particles (39,), the J^T J of the refinement, seconds by stage, and of each limb's outer half the mean
+    cost of Eq. 6 (NaN where it is not seen) and the share seen in some view."""
 
     frame: int
     timestamp: float
@@ -47,6 +49,8 @@ class FrameResult:
     deviation: Float[np.ndarray, "dof"]
     hessian: Float[np.ndarray, "dof dof"] | None
     seconds: dict[str, float]
+    limb_costs: Float[np.ndarray, "limb"]
+    limb_seen: Float[np.ndarray, "limb"]
 
 
 class FrameTracker:
@@ -66,7 +70,9 @@ class FrameTracker:
         )
         self.rectangle: Rectangle | None = None
         self.past: Past | None = None
+        self.lost = False
         self.face_bodies = dominant_bodies(self.character)
+        self.outer_bodies = outer_halves(self.character)
         kept = self.hindsight.longest + 2 if self.hindsight is not None else 0
         self.tracked: deque[tuple[Tracked, FrameResult]] = deque(maxlen=kept)
 
@@ -152,7 +158,7 @@ class FrameTracker:
             pose = self._best_start(shown, problem, past, start)
         deviation, hessian = np.zeros(39), None
         if self.search is not None:
-            pose, deviation = self.search(pose, problem, shown.frame, past, clock)
+            pose, deviation = self.search(pose, problem, shown.frame, past, clock, self.lost)
         if self.tracker.polish is not None:
             with clock.stage("polish"):
                 pose, _, _ = polish(self.tracker.scored, self.character, pose, problem, self.tracker.polish)
@@ -218,7 +224,7 @@ class FrameTracker:
                 new = self._result(
                     frame.shown, frame.problem, pose, past, seen, old.deviation, old.hessian, old.seconds
                 )
-                frame, old = replace(frame, pose=pose, costs=self.search.outer_costs(seen)), new
+                frame, old = replace(frame, pose=pose, costs=new.limb_costs), new
                 revised.append(new)
             self.tracked[position] = (frame, old)
             past = after(self.character.skeleton, past, frame.shown, pose, self.tracker.angles)
@@ -232,9 +238,10 @@ class FrameTracker:
         with clock.stage("score"):
             seen = look_at(self.character, pose, problem)
             result = self._result(shown, problem, pose, past, seen, deviation, hessian, clock.seconds)
+        self.lost = result.status == "lost"
         if self.search is not None:
             self.search.learn(seen)
-            tracked = Tracked(past, shown, problem, rectangle, pose, self.search.outer_costs(seen))
+            tracked = Tracked(past, shown, problem, rectangle, pose, result.limb_costs)
             self.tracked.append((tracked, result))
         self.past = after(self.character.skeleton, past, shown, pose, self.tracker.angles)
         with clock.stage("background"):
@@ -273,4 +280,6 @@ class FrameTracker:
             deviation,
             hessian,
             seconds,
+            mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs),
+            seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over),
         )

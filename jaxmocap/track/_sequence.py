@@ -1,6 +1,7 @@
 """From a registered start to a whole motion: frames in order, forwards and, before the start, backwards."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from typing import NamedTuple
 
 import jax
@@ -17,7 +18,9 @@ from jaxmocap.character import Character, Pose
 from jaxmocap.motion import Motion, cameras_at
 from jaxmocap.observation import FrameImages, Observations
 
+from ._confidence import VerdictSettings
 from ._frame import FrameResult, FrameTracker
+from ._lost import lost_spans, without_trust
 from ._register import Registration
 from ._tracker import Tracker
 
@@ -98,22 +101,34 @@ def track_frames(
     return [results[frame] for frame in range(first, stop)]
 
 
-def motion_of(observations: Observations, results: list[FrameResult], provenance: dict | None = None) -> Motion:
-    """The record of tracked frames."""
-    capture = observations.capture
+def motion_of(
+    observations: Observations,
+    results: list[FrameResult],
+    provenance: dict | None = None,
+    verdict: VerdictSettings | None = None,
+) -> Motion:
+    """The record of tracked frames. Landmarks of a part that is lost have no confidence, and `provenance["lost"]` lists
+    the spans."""
+    capture, character = observations.capture, observations.character
+    spans = lost_spans(results, character, capture.fps, verdict or VerdictSettings())
+    results = without_trust(results, spans, character)
     positions = np.array([result.frame for result in results])
     poses = Pose(jnp.stack([r.pose.root for r in results]), jnp.stack([r.pose.angles for r in results]))
     terms = sorted({name for result in results for name in result.energy})
     seconds = [sum(result.seconds.values()) for result in results]
     return Motion.from_poses(
-        observations.character,
+        character,
         poses,
         capture.video_frames[0][positions],
         capture.timestamps[positions],
         confidence=np.stack([result.confidence for result in results]),
         status=[result.status for result in results],
         energy={name: np.array([result.energy.get(name, np.nan) for result in results]) for name in terms},
-        provenance={"seconds_per_frame": float(np.mean(seconds)), **(provenance or {})},
+        provenance={
+            "seconds_per_frame": float(np.mean(seconds)),
+            "lost": [asdict(span) for span in spans],
+            **(provenance or {}),
+        },
         cameras=cameras_at(observations.cameras, positions),
         up=capture.up,
     )
@@ -140,4 +155,4 @@ def track(
         observations.key_poses[anchor] = start.pose if isinstance(start, Registration) else start
     key = jax.random.key(0) if key is None else key
     results = track_frames(observations, tracker, key=key, frames=frames, progress=progress)
-    return motion_of(observations, results)
+    return motion_of(observations, results, verdict=tracker.verdict)

@@ -37,8 +37,9 @@ class SearchPlan:
     group (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `wide` is the share
     of a limb's first particles that look further afield (0 is the paper); `trunk` scales particles and spread of root
     and torso, which are large and move less than limbs; `calm` says when a group need not be searched, `retry` when a
-    limb is searched again (None: never, the paper), `hindsight` when in an earlier frame; `answer` "mean" is the
-    paper's."""
+    limb is searched again (None: never, the paper), `hindsight` when in an earlier frame; after a frame whose verdict
+    is "lost", root and torso are searched `reacquire` times further afield (0: never, the paper); `answer` "mean"
+    is the paper's."""
 
     stages: tuple[Effort, ...] = (Effort(),)
     particles: int | None = None
@@ -48,6 +49,7 @@ class SearchPlan:
     calm: Calm | None = None
     retry: Retry | None = None
     hindsight: Hindsight | None = None
+    reacquire: int = 0
     answer: Literal["mean", "best_if_better"] = "best_if_better"
 
     def sampler(
@@ -156,7 +158,7 @@ class Tracker:
         )
         efforts = (Effort(4, 10, 0.25), Effort(2, 6, 0.5))
         if quality == "normal":
-            economy = {"calm": Calm(), "retry": Retry(), "hindsight": Hindsight()}
+            economy = {"calm": Calm(), "retry": Retry(), "hindsight": Hindsight(), "reacquire": 3}
             search = SearchPlan(efforts, particles=96, trunk=0.6, wide=0.25, **economy)
             return Tracker(fast, search, plan, prediction=True, angles="roomier")
         if quality == "draft":
