@@ -121,12 +121,13 @@ class BodySearch:
         """Limbs that seem lost; the answer counts where it pays."""
         seen = look_at(self.character, pose, problem)
         doubtful = mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs) > retry.foreign
-        doubtful |= seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over) < retry.hidden
-        doubtful |= unexplained(seen.ids, problem) > retry.uncovered
-        for number in np.array(self.limbs)[doubtful]:
+        hidden = seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over) < retry.hidden
+        doubtful |= hidden | (unexplained(seen.ids, problem) > retry.uncovered)
+        margins = np.where(hidden, retry.hidden_margin, retry.margin)
+        for number, margin in zip(np.array(self.limbs)[doubtful], margins[doubtful], strict=True):
             keys = jax.random.split(self.key_of(frame, 100 + int(number)), retry.tries)
             found = [self.group(int(number), pose, problem, None, key)[0] for key in keys]
             totals, _ = self.score(problem, [pose, *found])
             best = int(np.argmin(totals[1:]))
-            pose = found[best] if totals[1 + best] < totals[0] - retry.margin else pose
+            pose = found[best] if totals[1 + best] < totals[0] - margin else pose
         return pose
