@@ -111,8 +111,9 @@ def track_capture(
     `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `actor` is a character's file and
     `tracker` a tracker, instead of the capture's and the preset; `settings` change single settings of the tracker by
     name (`with_settings`). Selected frames that the capture does not name are chosen, and masks it does not have are
-    found (unless `find_masks` is off). With `detections`, a folder of BODY_25 files, keypoints count beside the pixels,
-    in `detections_frames` or everywhere. The report says so, and `say` is told at once, also when a mask is doubtful.
+    found (unless `find_masks` is off); the report says so, and `say` is told at once, also when a mask is doubtful.
+    With `detections`, a folder of BODY_25 files, keypoints count beside the pixels, in `detections_frames` or
+    everywhere.
     """
     tell = progress or (lambda stage, done, total: None)
     begin = time.perf_counter()
@@ -121,6 +122,8 @@ def track_capture(
         character = open_character(capture, actor)
         cameras = capture.cameras
         overrides = read_pose_file(pose_file) if pose_file is not None else None
+        if detections is None and detections_frames is not None:
+            raise InputError("frames for detections are given, but no detections; name their folder with --detections.")
         found_points = None if detections is None else Detections.open(capture, detections, detections_frames)
         tracker = Tracker.preset(quality) if tracker is None else tracker
         if found_points is not None and tracker.detections is None:

@@ -155,6 +155,16 @@ def test_settings_that_are_not_there_are_refused(setting, words, film, tmp_path,
     assert not (tmp_path / "out").exists()
 
 
+def test_detections_that_cannot_be_used_are_refused(film, tmp_path, capsys):
+    start = ["track", film, "--out", tmp_path / "out"]
+    assert "there is no such folder" in refused([*start, "--detections", tmp_path / "nowhere"], capsys)
+    (tmp_path / "empty").mkdir()
+    assert "hold no file of capture" in refused([*start, "--detections", tmp_path / "empty"], capsys)
+    assert "--detections-frames" in refused([*start, "--detections-frames", "3"], capsys)
+    assert "name their folder with --detections" in refused([*start, "--detections-frames", "0:2"], capsys)
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("frames", "words"),
     [("10", "A:B"), ("a:b", "A:B"), ("-3:2", "A:B"), ("2:2", "0 <= A < B <= 4"), ("0:9", "the capture has 4 frames")],

@@ -1,0 +1,47 @@
+"""A limb that the search has folded behind the body is searched again."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from perturbed import vertex_errors
+
+from jaxmocap.character import clamp, retract
+from jaxmocap.energies import search_energy
+from jaxmocap.track import Effort, FrameTracker, Retry, SearchPlan, Tracker
+from jaxmocap.track._economy import seen_shares
+from jaxmocap.track._score import look_at
+
+FRAME = 2
+
+
+def arm_behind(world):
+    """The true pose, but for a left forearm that no camera sees."""
+    skeleton = world.character.skeleton
+    delta = np.zeros(39, np.float32)
+    for name, degrees in (("shoulder_flex", -26), ("shoulder_abd", -88), ("shoulder_axial", 77), ("elbow_flex", -47)):
+        delta[skeleton.dof_names.index(f"l_{name}")] = np.deg2rad(degrees)
+    return clamp(skeleton, retract(skeleton, world.pose(FRAME), jnp.asarray(delta)))
+
+
+def searched_again(world, retry):
+    energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
+    plan = SearchPlan((Effort(2, 12),), particles=64, wide=0.25, retry=retry)
+    search = FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).search
+    start, problem = arm_behind(world), world.problem(FRAME)
+    seen = look_at(world.character, start, problem)
+    assert seen_shares(search.outer_bodies, world.character, search.face_bodies, seen.over)[0] < 0.2
+    return start, search._again(retry, start, problem, FRAME)
+
+
+def test_an_arm_that_no_view_shows_is_found(world):
+    """Nothing but its being hidden may call for the search: the other reasons are switched off."""
+    start, found = searched_again(world, Retry(foreign=2.0, uncovered=2.0))
+    assert vertex_errors(world, FRAME, start).max() > 0.3
+    assert vertex_errors(world, FRAME, found).max() < 0.06
+
+
+@pytest.mark.parametrize("retry", [Retry(hidden=0.0, foreign=2.0, uncovered=2.0), Retry(hidden_margin=2.0)])
+def test_it_stays_where_nothing_calls_for_it_or_too_little_is_gained(world, retry):
+    start, found = searched_again(world, retry)
+    np.testing.assert_array_equal(found.angles, start.angles)
