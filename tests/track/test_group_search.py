@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from perturbed import vertex_errors
+from perturbed import arm_away, vertex_errors
 
 from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
@@ -60,21 +60,12 @@ def test_a_limb_ten_degrees_off_is_brought_back(world, searches, find, name):
     assert np.all((found.angles >= skeleton.lower - 1e-6) & (found.angles <= skeleton.upper + 1e-6))
 
 
-def lost_arm(world):
-    """The true pose, but for a left arm that is 70 degrees off at the shoulder."""
-    names = world.character.skeleton.dof_names
-    delta = np.zeros(39, np.float32)
-    delta[names.index("l_shoulder_abd")] = np.deg2rad(-70)
-    delta[names.index("l_shoulder_flex")] = np.deg2rad(30)
-    return clamp(world.character.skeleton, retract(world.character.skeleton, world.pose(FRAME), jnp.asarray(delta)))
-
-
 def test_a_lost_arm_leaves_part_of_the_person_uncovered(world):
     seen = jnp.asarray(world.masks(FRAME), jnp.float32)
     problem = eqx.tree_at(lambda p: p.background, world.problem(FRAME), seen)
     shares = [
         unexplained(np.asarray(draw(world.character, pose, problem)[1]), problem)
-        for pose in (world.pose(FRAME), lost_arm(world))
+        for pose in (world.pose(FRAME), arm_away(world, FRAME))
     ]
     assert shares[0] < 0.02
     assert shares[1] > 0.03
@@ -87,7 +78,7 @@ def test_a_lost_arm_is_found_further_afield(world):
         num_particles=96, num_iterations=16, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
     )
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
-    start, after = lost_arm(world), []
+    start, after = arm_away(world, FRAME), []
     for key in range(3):
         found = search(
             (Stage(energy, 2, 16),), sampler, world.character, start, world.problem(FRAME),

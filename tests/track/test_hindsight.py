@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from perturbed import vertex_errors
+from perturbed import arm_away, vertex_errors
 
-from jaxmocap.character import clamp, difference, retract
+from jaxmocap.character import difference, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.track import Effort, FrameTracker, Hindsight, SearchPlan, Tracker
 from jaxmocap.track._clock import Clock
@@ -41,15 +41,6 @@ def test_a_limb_is_moved_part_of_the_way(world):
     np.testing.assert_array_equal(halfway.root, here.root)
 
 
-def arm_away(world):
-    """The true pose of the frame, but for a left arm 70 degrees off at the shoulder."""
-    skeleton = world.character.skeleton
-    delta = np.zeros(39, np.float32)
-    delta[skeleton.dof_names.index("l_shoulder_abd")] = np.deg2rad(-70)
-    delta[skeleton.dof_names.index("l_shoulder_flex")] = np.deg2rad(30)
-    return clamp(skeleton, retract(skeleton, world.pose(LOST), jnp.asarray(delta)))
-
-
 def looked_back(world, poses, hindsight=Hindsight()):
     """A tracker that has found these poses in the three frames, and what it says on looking back."""
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
@@ -65,7 +56,7 @@ def looked_back(world, poses, hindsight=Hindsight()):
 
 
 def test_a_lost_arm_is_found_from_the_frame_after(world):
-    poses = [world.pose(0), arm_away(world), world.pose(2)]
+    poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
     tracker, found, revised = looked_back(world, poses)
     assert [result.frame for result in revised] == [LOST]
     assert found[-1].seconds["look back"] > 0
@@ -84,7 +75,7 @@ def test_a_lost_arm_is_found_from_the_frame_after(world):
 def test_a_limb_is_compared_with_halfway_and_not_with_where_the_body_went(world):
     skeleton = world.character.skeleton
     arm, leg = skeleton.group("l_arm"), skeleton.group("l_leg")
-    poses = [world.pose(0), arm_away(world), world.pose(2)]
+    poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
     far, middle = stray(skeleton, *poses, arm)
     assert far > 0.3
     assert stray(skeleton, poses[0], middle, poses[2], arm)[0] < 1e-3
@@ -96,7 +87,7 @@ def test_a_limb_is_compared_with_halfway_and_not_with_where_the_body_went(world)
 
 def test_an_arm_that_left_its_way_for_a_frame_is_searched_from_halfway(world):
     """All three frames look alike in cost, so that only the way tells."""
-    poses = [world.pose(0), arm_away(world), world.pose(2)]
+    poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
     _, _, revised = looked_back(world, poses, Hindsight(foreign=2.0))
     assert [result.frame for result in revised] == [LOST]
     assert vertex_errors(world, LOST, revised[0].pose).mean() < 0.01

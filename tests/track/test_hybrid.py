@@ -4,27 +4,17 @@ from functools import cache
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import pytest
-from perturbed import perturbed, vertex_errors
+from perturbed import arm_away, perturbed, vertex_errors
 
 from jaxmocap.capture import Detections
-from jaxmocap.character import clamp, retract
+from jaxmocap.character import retract
 from jaxmocap.energies import search_energy
 from jaxmocap.track import DetectionPlan, Effort, FrameTracker, RefinePlan, SearchPlan, Tracker
 from jaxmocap.track._refine import Refinement
 
 ENERGY = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
 SEARCH = SearchPlan((Effort(4, 8),), particles=48)
-
-
-def arm_away(world):
-    """The true pose of frame 1, but for a left arm far off at the shoulder."""
-    skeleton = world.character.skeleton
-    delta = np.zeros(39, np.float32)
-    delta[skeleton.dof_names.index("l_shoulder_abd")] = np.deg2rad(-70)
-    delta[skeleton.dof_names.index("l_shoulder_flex")] = np.deg2rad(30)
-    return clamp(skeleton, retract(skeleton, world.pose(1), jnp.asarray(delta)))
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +28,7 @@ def tracked(world, tmp_path_factory):
         detections = Detections.open(world.capture, folder, frames) if frames else None
         tracker = Tracker(ENERGY, SEARCH, refine=None, detections=DetectionPlan() if frames else None)
         worker = FrameTracker(world.observations(detections), tracker, jax.random.key(0))
-        worker.first(world.shown(1), arm_away(world))
+        worker.first(world.shown(1), arm_away(world, 1))
         return worker.track(world.shown(2))
 
     return run

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from perturbed import vertex_errors
+from perturbed import arm_away, moved, vertex_errors
 
-from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.track import Effort, FrameTracker, LostSpan, SearchPlan, Tracker, VerdictSettings, lost_spans
 from jaxmocap.track._lost import FOREIGN, HIDDEN, JUMPING, LOST, without_trust
@@ -16,15 +14,6 @@ from jaxmocap.track._lost import FOREIGN, HIDDEN, JUMPING, LOST, without_trust
 ENERGY = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
 PLAN = SearchPlan((Effort(2, 12),), particles=64)
 SETTINGS = VerdictSettings()
-
-
-def moved(world, frame, **amounts):
-    """The true pose with degrees of freedom changed, metres and degrees."""
-    skeleton = world.character.skeleton
-    delta = np.zeros(39, np.float32)
-    for name, amount in amounts.items():
-        delta[skeleton.dof_names.index(name)] = amount if "root_t" in name else np.deg2rad(amount)
-    return clamp(skeleton, retract(skeleton, world.pose(frame), jnp.asarray(delta)))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +36,7 @@ def test_every_reason_has_its_span(world, true_results):
     foreign = replace(true_results[2], limb_costs=np.array([0.2, 0.2, 0.9, np.nan]))
     found = spans(world, [true_results[0], hidden, foreign])
     assert found == [LostSpan("right arm", 1, 1, HIDDEN), LostSpan("left leg", 2, 2, FOREIGN)]
-    jumped = replace(true_results[1], pose=moved(world, 1, l_shoulder_abd=-70.0, l_shoulder_flex=30.0))
+    jumped = replace(true_results[1], pose=arm_away(world, 1))
     assert spans(world, [true_results[0], jumped, true_results[2]]) == [LostSpan("left arm", 1, 1, JUMPING)]
     gone = [replace(result, status="lost", limb_seen=np.zeros(4)) for result in true_results[1:]]
     assert spans(world, [true_results[0], *gone]) == [LostSpan("body", 1, 2, LOST)]

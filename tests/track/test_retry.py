@@ -1,34 +1,25 @@
 """A limb that the search has folded behind the body is searched again."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from perturbed import vertex_errors
+from perturbed import moved, vertex_errors
 
-from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.track import Effort, FrameTracker, Retry, SearchPlan, Tracker
 from jaxmocap.track._economy import seen_shares
 from jaxmocap.track._score import look_at
 
 FRAME = 2
-
-
-def arm_behind(world):
-    """The true pose, but for a left forearm that no camera sees."""
-    skeleton = world.character.skeleton
-    delta = np.zeros(39, np.float32)
-    for name, degrees in (("shoulder_flex", -26), ("shoulder_abd", -88), ("shoulder_axial", 77), ("elbow_flex", -47)):
-        delta[skeleton.dof_names.index(f"l_{name}")] = np.deg2rad(degrees)
-    return clamp(skeleton, retract(skeleton, world.pose(FRAME), jnp.asarray(delta)))
+BEHIND = {"l_shoulder_flex": -26, "l_shoulder_abd": -88, "l_shoulder_axial": 77, "l_elbow_flex": -47}
+"""Degrees that bring the left forearm where no camera sees it."""
 
 
 def searched_again(world, retry):
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
     plan = SearchPlan((Effort(2, 12),), particles=64, wide=0.25, retry=retry)
     search = FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).search
-    start, problem = arm_behind(world), world.problem(FRAME)
+    start, problem = moved(world, FRAME, **BEHIND), world.problem(FRAME)
     seen = look_at(world.character, start, problem)
     assert seen_shares(search.outer_bodies, world.character, search.face_bodies, seen.over)[0] < 0.2
     return start, search._again(retry, start, problem, FRAME)
