@@ -1,5 +1,7 @@
 """The search of a whole body: root, torso, then each limb; where it may be left out and where it is run again."""
 
+from collections import deque
+
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
@@ -15,6 +17,9 @@ from ._past import Past
 from ._score import PoseScore, Seen, look_at, unexplained
 from ._search import Stage, group_searches, initial_spread, is_limb, simplified_mesh
 from ._tracker import SearchPlan, sigma_floor
+
+REMEMBERED = 30
+"""Frames that say how much of the person usually stays uncovered."""
 
 WIDE_TRUNK = 0.5
 """Share of far particles when the whole person is looked for."""
@@ -42,6 +47,7 @@ class BodySearch:
         self.vertices = [np.unique(faces[np.asarray(group.part.moves)]) for group in self.groups]
         self.bodies = [group_bodies(self.character, group.dofs) for group in self.groups]
         self.outer_bodies = outer_halves(self.character)
+        self.left: deque[float] = deque(maxlen=REMEMBERED)
         self.restraint = Restraint(plan.calm, len(self.groups)) if plan.calm is not None else None
 
     def __call__(
@@ -122,7 +128,9 @@ class BodySearch:
         seen = look_at(self.character, pose, problem)
         doubtful = mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs) > retry.foreign
         hidden = seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over) < retry.hidden
-        doubtful |= hidden | (unexplained(seen.ids, problem) > retry.uncovered)
+        left, usual = unexplained(seen.ids, problem), np.median(self.left) if self.left else 0.0
+        self.left.append(left)
+        doubtful |= hidden | (left > max(retry.uncovered, retry.unusual * usual))
         margins = np.where(hidden, retry.hidden_margin, retry.margin)
         for number, margin in zip(np.array(self.limbs)[doubtful], margins[doubtful], strict=True):
             keys = jax.random.split(self.key_of(frame, 100 + int(number)), retry.tries)

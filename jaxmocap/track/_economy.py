@@ -26,12 +26,14 @@ class Calm:
 class Retry:
     """A limb is searched again when less than `hidden` of its outer half is seen in any view, when the mean cost of
     Eq. 6 over its outer half is above `foreign`, or, all limbs, when more than `uncovered` of the person's pixels look
-    foreign and are covered by nothing. Of `tries` answers the best is taken when it lowers the energy by `margin`,
-    or `hidden_margin` for a limb that is hidden. The paper does not."""
+    foreign and are covered by nothing, and `unusual` times as many as in the median of the last frames: clothes that
+    are wider than the mesh always stay uncovered. Of `tries` answers the best is taken when it lowers the energy by
+    `margin`, or `hidden_margin` for a limb that is hidden. The paper does not."""
 
     hidden: float = 0.5
     foreign: float = 0.48
     uncovered: float = 0.015
+    unusual: float = 1.5
     tries: int = 3
     margin: float = 0.005
     hidden_margin: float = 0.001

@@ -15,11 +15,12 @@ BEHIND = {"l_shoulder_flex": -26, "l_shoulder_abd": -88, "l_shoulder_axial": 77,
 """Degrees that bring the left forearm where no camera sees it."""
 
 
-def searched_again(world, retry):
+def searched_again(world, retry, usual=0.0):
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
     plan = SearchPlan((Effort(2, 12),), particles=64, wide=0.25, retry=retry)
     search = FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).search
     start, problem = moved(world, FRAME, **BEHIND), world.problem(FRAME)
+    search.left.append(usual)
     seen = look_at(world.character, start, problem)
     assert seen_shares(search.outer_bodies, world.character, search.face_bodies, seen.over)[0] < 0.2
     return start, search._again(retry, start, problem, FRAME)
@@ -30,6 +31,13 @@ def test_an_arm_that_no_view_shows_is_found(world):
     start, found = searched_again(world, Retry(foreign=2.0, uncovered=2.0))
     assert vertex_errors(world, FRAME, start).max() > 0.3
     assert vertex_errors(world, FRAME, found).max() < 0.06
+
+
+def test_what_always_stays_uncovered_calls_for_nothing(world):
+    """Hidden or foreign limbs aside, the uncovered arm is searched for unless as much was uncovered before."""
+    for usual, moves in ((0.0, True), (1.0, False)):
+        start, found = searched_again(world, Retry(hidden=0.0, foreign=2.0, unusual=0.5), usual)
+        assert bool(np.any(found.angles != start.angles)) == moves
 
 
 @pytest.mark.parametrize("retry", [Retry(hidden=0.0, foreign=2.0, uncovered=2.0), Retry(hidden_margin=2.0)])
