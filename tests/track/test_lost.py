@@ -53,6 +53,7 @@ def test_lost_parts_have_no_confidence_and_others_keep_theirs(world, true_result
     np.testing.assert_array_equal(marked[0].confidence, true_results[0].confidence)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [0, 3])
 def test_a_person_who_was_lost_is_looked_for_further_afield(world, times):
     """The search's own reach is a few centimetres; from 60 cm aside only far particles lead back."""
