@@ -33,7 +33,7 @@ class VerdictSettings:
     least_pixels: int = 30
     hidden: float = 0.25
     foreign: float = 0.7
-    stray: float = 0.25
+    stray: float = 0.33
     jolt: float = 300.0
 
 
