@@ -179,6 +179,7 @@ def track_capture(
             "actor": str(actor or capture.actor),
             "quality": quality,
             "detections": None if detections is None else str(Path(detections).resolve()),
+            "detections_frames": None if detections_frames is None else sorted(detections_frames),
             "settings": {name: str(value) for name, value in (settings or {}).items()},
             "seed": seed,
             "versions": _versions(),
