@@ -3,6 +3,7 @@
 from collections import deque
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
 
@@ -23,6 +24,13 @@ REMEMBERED = 30
 
 WIDE_TRUNK = 0.5
 """Share of far particles when the whole person is looked for."""
+
+
+def with_limb(pose: Pose, limb: Pose, dofs: tuple[int, ...], share: float = 1.0) -> Pose:
+    """A pose whose angles `dofs` are moved by a share of the way to those of another one."""
+    index = jnp.array(dofs) - 6
+    here = pose.angles[index]
+    return Pose(pose.root, pose.angles.at[index].set(here + share * (limb.angles[index] - here)))
 
 
 class BodySearch:
@@ -55,7 +63,7 @@ class BodySearch:
     ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
         """The pose found from this start, and the deviation of the last particles. When the person was `lost`, root and
         torso look further afield too."""
-        deviation = np.zeros(39)
+        start, deviation = pose, np.zeros(39)
         if lost and self.plan.reacquire > 0:
             with clock.stage("reacquire"):
                 pose = self._reacquired(pose, problem, frame)
@@ -66,7 +74,7 @@ class BodySearch:
                 deviation += found
         if self.plan.retry is not None:
             with clock.stage("search again"):
-                pose = self._again(self.plan.retry, pose, problem, frame)
+                pose = self._again(self.plan.retry, start, pose, problem, frame)
         return pose, deviation
 
     def key_of(self, frame: int, number: int) -> PRNGKeyArray:
@@ -123,19 +131,28 @@ class BodySearch:
             seen = look_at(self.character, pose, problem)
             return self.restraint.search(speeds, mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
 
-    def _again(self, retry: Retry, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
-        """Limbs that seem lost; the answer counts where it pays."""
+    def _again(self, retry: Retry, start: Pose, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
+        """Limbs that seem lost, searched in turn from where the frame's search began and from where it ended."""
         seen = look_at(self.character, pose, problem)
         doubtful = mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs) > retry.foreign
-        hidden = seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over) < retry.hidden
+        hidden = self._shares(seen) < retry.hidden
         left, usual = unexplained(seen.ids, problem), np.median(self.left) if self.left else 0.0
         self.left.append(left)
         doubtful |= hidden | (left > max(retry.uncovered, retry.unusual * usual))
-        margins = np.where(hidden, retry.hidden_margin, retry.margin)
-        for number, margin in zip(np.array(self.limbs)[doubtful], margins[doubtful], strict=True):
-            keys = jax.random.split(self.key_of(frame, 100 + int(number)), retry.tries)
-            found = [self.group(int(number), pose, problem, None, key)[0] for key in keys]
+        for limb in np.flatnonzero(doubtful):
+            number = self.limbs[limb]
+            keys = jax.random.split(self.key_of(frame, 100 + number), retry.tries)
+            starts = [with_limb(pose, start, self.groups[number].dofs), pose]
+            found = [self.group(number, starts[i % 2], problem, None, key)[0] for i, key in enumerate(keys)]
             totals, _ = self.score(problem, [pose, *found])
-            best = int(np.argmin(totals[1:]))
-            pose = found[best] if totals[1 + best] < totals[0] - margin else pose
+            margins = np.full(retry.tries, retry.margin)
+            if hidden[limb]:
+                shown = [self._shares(look_at(self.character, answer, problem))[limb] for answer in found]
+                margins[np.array(shown) >= retry.hidden] = -retry.slack
+            gains = totals[0] - totals[1:] - margins
+            pose = found[int(np.argmax(gains))] if gains.max() > 0 else pose
         return pose
+
+    def _shares(self, seen: Seen) -> Float[np.ndarray, "limb"]:
+        """How much of each limb's outer half is seen."""
+        return seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over)

@@ -28,7 +28,8 @@ class Retry:
     Eq. 6 over its outer half is above `foreign`, or, all limbs, when more than `uncovered` of the person's pixels look
     foreign and are covered by nothing, and `unusual` times as many as in the median of the last frames: clothes that
     are wider than the mesh always stay uncovered. Of `tries` answers the best is taken when it lowers the energy by
-    `margin`, or `hidden_margin` for a limb that is hidden. The paper does not."""
+    `margin`. Behind the body a limb costs nothing, so one that is hidden gives way to an answer that is seen unless
+    that raises the energy by more than `slack`. The paper does not."""
 
     hidden: float = 0.5
     foreign: float = 0.48
@@ -36,7 +37,7 @@ class Retry:
     unusual: float = 1.5
     tries: int = 3
     margin: float = 0.005
-    hidden_margin: float = 0.001
+    slack: float = 0.001
 
 
 @dataclass(frozen=True)

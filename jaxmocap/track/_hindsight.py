@@ -10,7 +10,7 @@ from jaxtyping import Float
 from jaxmocap.character import Pose, Skeleton, beside, landmark_positions
 from jaxmocap.observation import FrameImages, FrameProblem, Rectangle
 
-from ._body_search import BodySearch
+from ._body_search import BodySearch, with_limb
 from ._economy import Hindsight
 from ._past import Past, after
 from ._refine import Refinement
@@ -33,13 +33,6 @@ def doubtful_run(costs: Float[np.ndarray, "frame"], settings: Hindsight) -> int:
     """How many frames just before the last one look foreign where the last one does not."""
     foreign = (costs[:-1] > settings.foreign) & (costs[:-1] > costs[-1] + settings.better)
     return int(np.cumprod(foreign[::-1]).sum())
-
-
-def with_limb(pose: Pose, limb: Pose, dofs: tuple[int, ...], share: float = 1.0) -> Pose:
-    """A pose whose angles `dofs` are moved by a share of the way to those of another one."""
-    index = jnp.array(dofs) - 6
-    here = pose.angles[index]
-    return Pose(pose.root, pose.angles.at[index].set(here + share * (limb.angles[index] - here)))
 
 
 def stray(skeleton: Skeleton, earlier: Pose, pose: Pose, later: Pose, dofs: tuple[int, ...]) -> tuple[float, Pose]:

@@ -9,8 +9,9 @@ from perturbed import arm_away, vertex_errors
 from jaxmocap.character import difference, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.track import Effort, FrameTracker, Hindsight, SearchPlan, Tracker
+from jaxmocap.track._body_search import with_limb
 from jaxmocap.track._clock import Clock
-from jaxmocap.track._hindsight import doubtful_run, stray, with_limb
+from jaxmocap.track._hindsight import doubtful_run, stray
 
 LOST = 1
 

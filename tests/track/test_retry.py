@@ -23,7 +23,7 @@ def searched_again(world, retry, usual=0.0):
     search.left.append(usual)
     seen = look_at(world.character, start, problem)
     assert seen_shares(search.outer_bodies, world.character, search.face_bodies, seen.over)[0] < 0.2
-    return start, search._again(retry, start, problem, FRAME)
+    return start, search._again(retry, start, start, problem, FRAME)
 
 
 def test_an_arm_that_no_view_shows_is_found(world):
@@ -40,7 +40,7 @@ def test_what_always_stays_uncovered_calls_for_nothing(world):
         assert bool(np.any(found.angles != start.angles)) == moves
 
 
-@pytest.mark.parametrize("retry", [Retry(hidden=0.0, foreign=2.0, uncovered=2.0), Retry(hidden_margin=2.0)])
+@pytest.mark.parametrize("retry", [Retry(hidden=0.0, foreign=2.0, uncovered=2.0), Retry(slack=-2.0)])
 def test_it_stays_where_nothing_calls_for_it_or_too_little_is_gained(world, retry):
     start, found = searched_again(world, retry)
     np.testing.assert_array_equal(found.angles, start.angles)
