@@ -1,7 +1,7 @@
 """From a registered start to a whole motion: frames in order, forwards and, before the start, backwards."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import NamedTuple
 
 import jax
@@ -108,25 +108,25 @@ def motion_of(
     verdict: VerdictSettings | None = None,
 ) -> Motion:
     """The record of tracked frames. Landmarks of a part that is lost have no confidence, and `provenance["lost"]` lists
-    the spans."""
+    the spans, in frames of the first video like the motion's own."""
     capture, character = observations.capture, observations.character
     spans = lost_spans(results, character, capture.fps, verdict or VerdictSettings())
     results = without_trust(results, spans, character)
-    positions = np.array([result.frame for result in results])
+    numbers, positions = capture.video_frames[0], np.array([result.frame for result in results])
     poses = Pose(jnp.stack([r.pose.root for r in results]), jnp.stack([r.pose.angles for r in results]))
     terms = sorted({name for result in results for name in result.energy})
     seconds = [sum(result.seconds.values()) for result in results]
     return Motion.from_poses(
         character,
         poses,
-        capture.video_frames[0][positions],
+        numbers[positions],
         capture.timestamps[positions],
         confidence=np.stack([result.confidence for result in results]),
         status=[result.status for result in results],
         energy={name: np.array([result.energy.get(name, np.nan) for result in results]) for name in terms},
         provenance={
             "seconds_per_frame": float(np.mean(seconds)),
-            "lost": [asdict(span) for span in spans],
+            "lost": [asdict(replace(s, first=int(numbers[s.first]), last=int(numbers[s.last]))) for s in spans],
             **(provenance or {}),
         },
         cameras=cameras_at(observations.cameras, positions),

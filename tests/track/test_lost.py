@@ -10,6 +10,7 @@ from perturbed import arm_away, moved, vertex_errors
 from jaxmocap.energies import search_energy
 from jaxmocap.track import Effort, FrameTracker, LostSpan, SearchPlan, Tracker, VerdictSettings, lost_spans
 from jaxmocap.track._lost import FOREIGN, HIDDEN, JUMPING, LOST, without_trust
+from jaxmocap.track._sequence import motion_of
 
 ENERGY = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
 PLAN = SearchPlan((Effort(2, 12),), particles=64)
@@ -51,6 +52,19 @@ def test_lost_parts_have_no_confidence_and_others_keep_theirs(world, true_result
     np.testing.assert_array_equal(marked[1].confidence[others], true_results[1].confidence[others])
     assert true_results[1].confidence[arm].min() > 0
     np.testing.assert_array_equal(marked[0].confidence, true_results[0].confidence)
+
+
+def test_spans_of_a_motion_count_as_its_frames_do(world, true_results):
+    """The videos were started at different times: the capture's first frame is the first video's fourth."""
+    observations, videos = world.observations(), world.capture.indices
+    longer = replace(videos[0], pts=np.arange(7), seconds=np.arange(7) / 30)
+    later = world.capture.video_frames + np.array([[4], [0]])
+    observations.capture = replace(world.capture, indices=(longer, *videos[1:]), video_frames=later)
+    hidden = replace(true_results[1], limb_seen=np.array([1.0, 0.1, 1.0, 1.0]))
+    motion = motion_of(observations, [true_results[0], hidden, true_results[2]])
+    assert motion.frames.tolist() == [4, 5, 6]
+    assert [(span["first"], span["last"]) for span in motion.provenance["lost"]] == [(5, 5)]
+    assert (motion.confidence.min(axis=1) == 0).tolist() == [False, True, False]
 
 
 @pytest.mark.slow
