@@ -13,6 +13,7 @@ from ._capture import Capture, build
 from ._check_geometry import check_paths, check_subject
 from ._check_people import check_keypoints, check_masks
 from ._check_videos import check_videos
+from ._choose_frames import choose_frames
 from ._config import CaptureConfig, config_path, read_config
 from ._consistency import missing_files
 from ._findings import Finding
@@ -81,6 +82,12 @@ def _cameras(capture: Capture, findings: list[Finding]) -> Cameras | None:
     return None
 
 
+def _chosen_frames(capture: Capture, cameras: Cameras) -> Finding:
+    chosen = choose_frames(capture, cameras)
+    frames = ", ".join(str(capture.video_frames[0, frame]) for frame in chosen.frames)
+    return Finding("note", "selected_frames", f"none are given; {frames} would be chosen: {chosen.reason}")
+
+
 def check(path: str | Path) -> list[Finding]:
     """Everything that is wrong or worth knowing about a capture, errors first; nothing stops at the first problem.
 
@@ -112,6 +119,9 @@ def check(path: str | Path) -> list[Finding]:
         findings += check_masks(capture)
         if cameras is not None:
             findings += check_paths(capture, cameras)
+            if config.selected_frames is None and capture.keypoints_folder is not None:
+                note = _attempt(findings, "keypoints", lambda: _chosen_frames(capture, cameras))
+                findings += [] if note is None else [note]
             findings += _attempt(findings, "keypoints", lambda: check_subject(capture, cameras)) or []
     order = {"error": 0, "warning": 1, "note": 2}
     return sorted(findings, key=lambda finding: order[finding.severity])

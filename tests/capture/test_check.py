@@ -32,6 +32,13 @@ def test_a_faultless_capture_has_only_notes_and_they_are_true(small: Path):
     assert _said(findings, "note", "directions 24 degrees apart")
 
 
+def test_frames_that_would_be_selected_are_named(small: Path):
+    """Of two frames with the same pose one is enough."""
+    assert not _said(check(small), "note", "would be chosen")
+    _toml(small, "selected_frames = [0, 6]\n", "")
+    assert _said(check(small), "note", "none are given; 0 would be chosen", "among 2 frames with good keypoints")
+
+
 def test_everything_wrong_is_named_in_one_pass_and_errors_come_first(small: Path):
     _toml(small, "frames = 12", "frames = 99")
     _toml(small, "[0, 6]", "[0, 40]")
