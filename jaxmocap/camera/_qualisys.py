@@ -11,6 +11,7 @@ does not say where the centre of a pixel is; as in Pose2Sim it is at whole numbe
 QTM's windows, not the videos, and is ignored.
 """
 
+import math
 import xml.etree.ElementTree as ElementTree
 from typing import Any
 
@@ -37,19 +38,19 @@ def _values(camera: Any, tag: str, keys: tuple[str, ...], where: str) -> np.ndar
     missing = [key for key in keys if key not in element.attrib]
     if missing:
         raise InputError(f"{where}: <{tag}> has no {', '.join(missing)}; export the calibration from QTM again")
-    try:
-        return np.array([float(element.attrib[key]) for key in keys])
-    except ValueError:
-        found = next(key for key in keys if not _is_number(element.attrib[key]))
-        raise InputError(f"{where}: <{tag}> has {found} = {element.attrib[found][:40]!r}; expected a number") from None
+    for key in keys:
+        if not _is_number(element.attrib[key]):
+            raise InputError(
+                f"{where}: <{tag}> has {key} = {element.attrib[key][:40]!r}; expected a finite number: export it again"
+            )
+    return np.array([float(element.attrib[key]) for key in keys])
 
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        return math.isfinite(float(text))
     except ValueError:
         return False
-    return True
 
 
 def _camera(element: Any, where: str) -> StaticCamera:

@@ -101,7 +101,7 @@ def write_cameras(
     _check(cameras)
     shape = (cameras.num_cameras, cameras.num_frames)
     if frames is not None and np.shape(frames) != shape:
-        raise InputError(f"frames has shape {np.shape(frames)}; expected a number per camera and frame, {shape}")
+        raise InputError(f"frames has shape {np.shape(frames)}; expected a number per camera and per frame, {shape}")
     try:
         if format in _TEXTS:
             suffixes, text = _TEXTS[format]
