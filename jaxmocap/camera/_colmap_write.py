@@ -39,14 +39,17 @@ def _camera_models(cameras: Cameras) -> list[tuple[str, tuple[int, int], list[fl
 
 
 def _images(cameras: Cameras, frames: Int[np.ndarray, "camera frame"]) -> list[_Image]:
-    """One image per camera and frame number; a frame that is shown twice is written once."""
+    """One image per camera and frame number; a frame that is shown twice, in one pose, is written once."""
     from scipy.spatial.transform import Rotation
 
     poses = np.asarray(cameras.cam_from_world, float)
     images = []
     for index, name in enumerate(cameras.names):
         quaternions = Rotation.from_matrix(poses[index, :, :3, :3]).as_quat(canonical=True)[..., [3, 0, 1, 2]]
-        for step in np.unique(frames[index], return_index=True)[1]:
+        numbers, first, again = np.unique(frames[index], return_index=True, return_inverse=True)
+        if not np.array_equal(poses[index], poses[index, first[again]]):
+            raise InputError(f"frames gives camera {name} different poses at one of the frames {numbers.tolist()[:9]}")
+        for step in first:
             file = f"{name}/{int(frames[index, step]):05d}.png"
             images.append(_Image(quaternions[step], poses[index, step, :3, 3], index + 1, file))
     return images

@@ -43,12 +43,20 @@ def _scalar(word: str) -> int | float | str:
     return word
 
 
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A map, each key of which must be there once."""
+    keys = [key for key, _ in pairs]
+    if len(set(keys)) < len(keys):
+        raise ValueError(f"it has {next(key for key in keys if keys.count(key) > 1)} twice")
+    return dict(pairs)
+
+
 def _from_element(element: ElementTree.Element) -> Any:
     """A map, a sequence (its members are called `_`), numbers and strings separated by blanks, or one of these."""
     if len(element):
         if all(child.tag == "_" for child in element):
             return [_from_element(child) for child in element]
-        return {child.tag: _from_element(child) for child in element}
+        return _once([(child.tag, _from_element(child)) for child in element])
     lexer = shlex.shlex(element.text or "", posix=True)
     lexer.whitespace_split, lexer.commenters, lexer.quotes = True, "", '"'
     values = [_scalar(word) for word in lexer]
@@ -118,7 +126,7 @@ def read_storage(text: str, label: str) -> dict[str, Any]:
         if text.startswith("<"):
             found = _from_element(parse_xml(text, label))
         elif text.startswith("{"):
-            found = json.loads(text)
+            found = json.loads(text, object_pairs_hook=_once)
         else:
             found = _from_yaml(text)
         found = _matrices(found)

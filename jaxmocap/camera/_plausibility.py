@@ -24,7 +24,9 @@ def intrinsics_problems(
     """What is wrong with one camera's size, K and distortion; `video` is the size of its video where known."""
     problems = []
     if not ((np.abs(k) < _LARGEST).all() and (np.abs(distortion) < _LARGEST).all()):
-        problems.append(f"{where}: focal lengths, principal point and distortion must be finite numbers")
+        problems.append(
+            f"{where}: focal lengths, principal point and distortion must be finite numbers of a sensible size"
+        )
     elif k[0, 0] == 0 or k[1, 1] == 0:
         problems.append(f"{where}: the focal length is 0; expected pixels, about the width of the image")
     elif k[0, 0] < 0 or k[1, 1] < 0:

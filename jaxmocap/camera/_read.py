@@ -106,13 +106,14 @@ def examine_cameras(
     poses[..., :3, 3] *= scale
     if not problems:
         problems += scale_problem(poses, names, path.name, scale, fixed=unit is not None)
-    result = Cameras(
-        names,
-        tuple(camera[0] for camera in cameras),
-        jnp.asarray(np.stack([camera[1] for camera in cameras]), jnp.float32),
-        jnp.asarray(np.stack([camera[2] for camera in cameras]), jnp.float32),
-        jnp.asarray(np.broadcast_to(poses, (*frames.shape, 4, 4)), jnp.float32),
-    )
+    with np.errstate(over="ignore"):  # of numbers that are among the problems
+        result = Cameras(
+            names,
+            tuple(camera[0] for camera in cameras),
+            jnp.asarray(np.stack([camera[1] for camera in cameras]), jnp.float32),
+            jnp.asarray(np.stack([camera[2] for camera in cameras]), jnp.float32),
+            jnp.asarray(np.broadcast_to(poses, (*frames.shape, 4, 4)), jnp.float32),
+        )
     return result, problems
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from jaxmocap._results import InputError
 
-_LARGEST_FILE = 16 * 2**20  # bytes; a calibration of a hundred cameras has a hundred thousand
+_LARGEST_FILE = 4 * 2**20  # bytes; a calibration of a hundred cameras has a hundred thousand
 _SAME_ROTATION = 1e-3
 OPENCV_CENTRE = 0.5  # OpenCV puts (0, 0) at the centre of the first pixel, we at its corner
 
@@ -71,7 +71,7 @@ def numbers(
         raise InputError(f"{where} has no {keys[0]}; expected {expected} numbers")
     try:
         value = np.asarray(section[key], dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{where}: {key} is not an array of numbers; expected {expected}") from None
     if value.shape not in shapes:
         found = "x".join(map(str, value.shape)) or "a single value"

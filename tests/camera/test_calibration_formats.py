@@ -104,6 +104,11 @@ def test_a_file_cut_anywhere_is_refused_by_name_or_whole_for_these_cameras(tmp_p
         ("opencv-xml", ("<name>left", "<name>right"), ["no camera called left"]),
         ("opencv-json", ('"t": [-0.5, 1, 4]', '"t": [-0.5, 1]'), ["camera left", "t has shape 2", "expected 3"]),
         ("opencv-json", ('"t": [-0.5, 1, 4]', '"t": "here"'), ["camera left", "t is not an array of numbers"]),
+        ("opencv-json", ('"right"', '"left"'), ["rig.json", "left twice"]),
+        ("opencv-json", ("900, 0, 479.5", "9" * 400 + ", 0, 479.5"), ["camera left", "not an array of numbers"]),
+        ("opencv-json", ("900, 0, 479.5", "9e99, 0, 479.5"), ["camera left", "finite numbers of a sensible size"]),
+        ("opencv-json", ("900, 0, 479.5", "null, 0, 479.5"), ["camera left", "finite"]),
+        ("opencv-xml", ("<rvec>", "<tvec>0. 0. 0.</tvec><rvec>"), ["rig.xml", "tvec twice"]),
         ("opencv-json", ("[0, 901, 269.5]", "[0, 901]"), ["camera left", "cameraMatrix is not an array of numbers"]),
         (
             "opencv-json",
@@ -193,7 +198,7 @@ def test_pickles_are_never_loaded(tmp_path: Path, name: str):
 def test_absurdly_large_files_are_refused_before_they_are_read(tmp_path: Path, name: str):
     with open(tmp_path / name, "wb") as file:
         file.truncate(2**34)
-    assert f"{name} has 16384 MB; expected a calibration file of at most 16 MB" in _sentence(tmp_path / name)
+    assert f"{name} has 16384 MB; expected a calibration file of at most 4 MB" in _sentence(tmp_path / name)
 
 
 @pytest.mark.parametrize(

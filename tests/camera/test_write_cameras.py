@@ -65,6 +65,13 @@ def test_what_is_written_is_read_back(tmp_path: Path, form: str):
     assert os.listdir(tmp_path) == [PLACES[form]]
 
 
+@pytest.mark.parametrize("form", [form for form in FORMATS if form != "easymocap"])
+def test_names_may_have_blanks_and_letters_of_any_alphabet(tmp_path: Path, form: str):
+    cameras = replace(_rig(), names=("Kamera 1 groß.b", "0x1"))
+    path = write_cameras(cameras, tmp_path / PLACES[form], form)
+    _assert_same(read_cameras(path, cameras.names, 3, SIZES), cameras)
+
+
 @pytest.mark.parametrize("suffix", [".yml", ".yaml", ".xml", ".json"])
 def test_opencv_s_form_goes_by_the_suffix(tmp_path: Path, suffix: str):
     path = write_cameras(_rig(), tmp_path / f"rig{suffix}", "opencv")
@@ -111,6 +118,13 @@ def test_moving_cameras_keep_a_pose_for_each_frame_of_their_own_videos(tmp_path:
     _assert_same(read_cameras(path, NAMES, 4, SIZES, frames), cameras)
     with pytest.raises(InputError, match="no pose for left frames 0-1"):
         read_cameras(path, NAMES, 4, SIZES)
+
+
+@pytest.mark.parametrize("form", ["colmap", "colmap-binary"])
+def test_one_frame_in_two_poses_is_refused(tmp_path: Path, form: str):
+    with pytest.raises(InputError, match="camera right different poses at one of the frames"):
+        write_cameras(_moving(), tmp_path / "model", form, np.array([[0, 1, 2, 3], [0, 1, 1, 2]]))
+    assert os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize("form", STATIC)
