@@ -83,8 +83,8 @@ def read_qualisys(text: str, names: tuple[str, ...], label: str) -> list[StaticC
 
 
 def qualisys_text(cameras: list[WrittenCamera]) -> str:
-    """A calibration as `read_qualisys` and Pose2Sim read it. It lacks what only QTM knows: residuals, the wand, and the
-    focal lengths in millimetres, which would take the pitch of the sensor."""
+    """A calibration as `read_qualisys` reads it, and Pose2Sim, but for the distortion. It lacks what only QTM knows:
+    residuals, the wand, and the focal lengths in millimetres, which would take the pitch of the sensor."""
     root = ElementTree.Element("calibration", {"calibrated": "true", "source": "jaxmocap", "type": "regular"})
     listed = ElementTree.SubElement(root, "cameras")
     for camera in cameras:

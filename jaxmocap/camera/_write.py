@@ -35,6 +35,8 @@ def _check(cameras: Cameras) -> None:
     """Cameras that `read_cameras` would refuse are not written."""
     intrinsics, distortion = np.asarray(cameras.intrinsics, float), np.asarray(cameras.distortion, float)
     poses = np.asarray(cameras.cam_from_world, float)
+    if len(set(cameras.names)) < len(cameras.names):
+        raise InputError(f"the cameras cannot be written: two have one name, among {', '.join(cameras.names)}")
     for index, (name, size) in enumerate(zip(cameras.names, cameras.sizes, strict=True)):
         where = f"camera {name}"
         problems = intrinsics_problems(size, None, intrinsics[index], distortion[index], where)

@@ -189,6 +189,7 @@ def _changed(where, value) -> Cameras:
             _changed(lambda c: c.cam_from_world, _rig().cam_from_world.at[0, 1, 1, 3].set(np.inf)),
             "camera left.* finite",
         ),
+        (replace(_rig(), names=("a", "a")), "two have one name, among a, a"),
         (replace(_rig(), sizes=((0, 0), SIZES[1])), "camera left has the size 0x0"),
     ],
 )
