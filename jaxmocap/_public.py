@@ -8,7 +8,7 @@ from .capture import (
     check as check,
     choose_frames as choose_frames,
 )
-from .camera import Cameras as Cameras
+from .camera import Cameras as Cameras, read_cameras as read_cameras, write_cameras as write_cameras
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .appearance import Appearance as Appearance
 from .observation import Observations as Observations, fit_capture_appearance as fit_capture_appearance

@@ -22,7 +22,7 @@ ROWS = (
     ("capture",),
     ("camera",),
     ("geometry",),
-    ("_types", "_results", "_runtime"),
+    ("_types", "_results", "_runtime", "_atomic"),
 )
 RANK = {name: row for row, names in enumerate(ROWS) for name in names} | {"synthetic": 4.5}  # just below `track`
 HOST_LIBRARIES = {"cv2", "av", "trimesh", "pycolmap", "pygltflib"}

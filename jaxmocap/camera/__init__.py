@@ -1,6 +1,8 @@
 """Cameras: calibrated views per frame, projection, triangulation, and calibration files."""
 
 from ._cameras import Cameras as Cameras, View as View
-from ._colmap import write_colmap_text as write_colmap_text
+from ._colmap_poses import ranges as ranges
+from ._colmap_write import write_colmap_text as write_colmap_text
 from ._projection import pixel_rays as pixel_rays, project as project, triangulate as triangulate
-from ._read import examine_cameras as examine_cameras, ranges as ranges, read_cameras as read_cameras
+from ._read import examine_cameras as examine_cameras, read_cameras as read_cameras
+from ._write import FORMATS as FORMATS, write_cameras as write_cameras

@@ -1,15 +1,12 @@
-"""COLMAP models: a small bounded reader of the text and binary forms, and a writer of the text form."""
+"""COLMAP models: a small bounded reader of the text and binary forms."""
 
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxmocap._results import InputError
-
-from ._cameras import Cameras
 
 
 class ColmapCamera(NamedTuple):
@@ -33,7 +30,7 @@ class ColmapModel(NamedTuple):
 
 
 # COLMAP's numbering of camera models and how many parameters each has.
-_MODELS = {
+MODELS = {
     0: ("SIMPLE_PINHOLE", 3),
     1: ("PINHOLE", 4),
     2: ("SIMPLE_RADIAL", 4),
@@ -47,7 +44,8 @@ _MODELS = {
     10: ("THIN_PRISM_FISHEYE", 12),
     11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 }
-_COUNTS = dict(_MODELS.values())
+_COUNTS = dict(MODELS.values())
+_LARGEST_FILE = 2 * 2**30  # bytes; a large model's images with all their points have some hundred million
 _READABLE = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV"
 
 
@@ -87,6 +85,12 @@ def read_colmap(cameras_file: Path, images_file: Path) -> ColmapModel:
     """Read one model, text or binary by suffix. Raises `InputError` for anything truncated, malformed or absurd."""
     labels = tuple(f"{file.parent.name}/{file.name}" for file in (cameras_file, images_file))
     try:
+        for file, label in zip((cameras_file, images_file), labels, strict=True):
+            if file.stat().st_size > _LARGEST_FILE:
+                raise InputError(
+                    f"{label} has {file.stat().st_size / 2**20:.0f} MB; expected a COLMAP model of at most "
+                    f"{_LARGEST_FILE // 2**20} MB: export it without points"
+                )
         if cameras_file.suffix == ".bin":
             cameras = _binary_cameras(_Bytes(cameras_file.read_bytes(), labels[0]))
             images = _binary_images(_Bytes(images_file.read_bytes(), labels[1]))
@@ -208,12 +212,11 @@ def _binary_cameras(data: _Bytes) -> dict[int, ColmapCamera]:
     cameras = {}
     for _ in range(data.count("cameras", 48)):
         camera_id, model_id, width, height = data.take("<IiQQ")
-        if model_id not in _MODELS:
+        if model_id not in MODELS:
             raise InputError(
-                f"{data.label}: camera {camera_id} has the unknown model number {model_id}; expected 0 to "
-                f"{max(_MODELS)}"
+                f"{data.label}: camera {camera_id} has the unknown model number {model_id}; expected 0 to {max(MODELS)}"
             )
-        model, count = _MODELS[model_id]
+        model, count = MODELS[model_id]
         cameras[camera_id] = ColmapCamera(model, (width, height), data.take(f"<{count}d"))
     return cameras
 
@@ -226,45 +229,3 @@ def _binary_images(data: _Bytes) -> list[ColmapImage]:
         data.skip(24 * data.count(f"points in image {name}", 24))
         images.append(ColmapImage(name, tuple(pose[:4]), tuple(pose[4:]), camera_id))
     return images
-
-
-def _quaternions(rotation: np.ndarray) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(rotation).as_quat(canonical=True)[..., [3, 0, 1, 2]]
-
-
-def _camera_lines(cameras: Cameras) -> Iterator[str]:
-    intrinsics, distortion = np.asarray(cameras.intrinsics, float), np.asarray(cameras.distortion, float)
-    for index, (width, height) in enumerate(cameras.sizes):
-        k = intrinsics[index]
-        if k[0, 1] != 0:
-            raise InputError(f"camera {cameras.names[index]} has skew {k[0, 1]:g}, which a COLMAP model cannot hold")
-        values = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
-        model = "PINHOLE"
-        if distortion[index].any():
-            third = distortion[index, 4] != 0
-            model = "FULL_OPENCV" if third else "OPENCV"
-            values += [*distortion[index, :4], *([distortion[index, 4], 0.0, 0.0, 0.0] if third else [])]
-        yield f"{index + 1} {model} {width} {height} " + " ".join(f"{value:.9g}" for value in values)
-
-
-def write_colmap_text(cameras: Cameras, folder: Path, first_frame: int = 0) -> None:
-    """Write a COLMAP text model with one image per camera and frame, named `<camera>/<frame:05d>.png`, and no points.
-
-    Metres, world to camera, centre of the first pixel at (0.5, 0.5). `read_cameras` reads it back.
-    """
-    folder = Path(folder)
-    lines = list(_camera_lines(cameras))
-    poses = np.asarray(cameras.cam_from_world, float)
-    images = []
-    for index, name in enumerate(cameras.names):
-        for frame, (quaternion, pose) in enumerate(
-            zip(_quaternions(poses[index, :, :3, :3]), poses[index], strict=True)
-        ):
-            values = " ".join(f"{value:.9f}" for value in (*quaternion, *pose[:3, 3]))
-            images.append(f"{len(images) + 1} {values} {index + 1} {name}/{first_frame + frame:05d}.png\n")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "cameras.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (folder / "images.txt").write_text("\n".join(images) + "\n", encoding="utf-8")
-    (folder / "points3D.txt").write_text("", encoding="utf-8")

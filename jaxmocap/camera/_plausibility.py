@@ -6,9 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 _ROTATION_TOLERANCE = 1e-3
+_LARGEST = 1e9  # pixels and coefficients
 _FARTHEST_APART = 100.0  # metres between two cameras that film one person
 _FARTHEST_FROM_ORIGIN = 1000.0
 _NEAREST_APART = 0.005
+_EXPORT_AGAIN = "files of this form are in millimetres; calibrate or export it in them again"
 _UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres"}
 
 
@@ -21,8 +23,10 @@ def intrinsics_problems(
 ) -> list[str]:
     """What is wrong with one camera's size, K and distortion; `video` is the size of its video where known."""
     problems = []
-    if not (np.isfinite(k).all() and np.isfinite(distortion).all()):
-        problems.append(f"{where}: focal lengths, principal point and distortion must be finite numbers")
+    if not ((np.abs(k) < _LARGEST).all() and (np.abs(distortion) < _LARGEST).all()):
+        problems.append(
+            f"{where}: focal lengths, principal point and distortion must be finite numbers of a sensible size"
+        )
     elif k[0, 0] == 0 or k[1, 1] == 0:
         problems.append(f"{where}: the focal length is 0; expected pixels, about the width of the image")
     elif k[0, 0] < 0 or k[1, 1] < 0:
@@ -54,11 +58,16 @@ def rotation_problem(rotation: Float[np.ndarray, "3 3"], where: str) -> str | No
 
 
 def scale_problem(
-    poses: Float[np.ndarray, "camera frame 4 4"], names: Sequence[str], label: str, metres_per_unit: float
+    poses: Float[np.ndarray, "camera frame 4 4"],
+    names: Sequence[str],
+    label: str,
+    metres_per_unit: float,
+    fixed: bool = False,
 ) -> list[str]:
-    """Cameras that film one person stand centimetres to tens of metres apart: other distances are other units."""
-    if not np.isfinite(poses).all():
-        return [f"{label}: a translation is not finite"]
+    """Cameras that film one person stand centimetres to tens of metres apart: other distances are other units.
+
+    `fixed`: the form of the file settles its units, so that capture.toml cannot.
+    """
     centres = -np.einsum("ctji,ctj->cti", poses[..., :3, :3], poses[..., :3, 3])
     units = _UNITS.get(metres_per_unit, "its units")
     for first in range(len(names)):
@@ -67,13 +76,20 @@ def scale_problem(
             found = f"{label}: {names[first]} and {names[second]} are {apart:.3g} m apart when read in {units}"
             if apart > _FARTHEST_APART:
                 guess = "millimetres" if apart > 500 else "centimetres"
-                return [f'{found}, which looks like {guess}: set units = "{guess}" in capture.toml']
+                cure = f'set units = "{guess}" in capture.toml'
+                return [f"{found}, which looks like {guess}: {_EXPORT_AGAIN if fixed else cure}"]
             if apart < _NEAREST_APART and metres_per_unit < 1:
-                return [f'{found}, which looks like metres: set units = "metres" in capture.toml']
+                cure = 'set units = "metres" in capture.toml'
+                return [f"{found}, which looks like metres: {_EXPORT_AGAIN if fixed else cure}"]
     farthest = np.linalg.norm(centres, axis=-1).max(axis=1)
     if farthest.max() > _FARTHEST_FROM_ORIGIN:
         return [
             f"{label}: {names[int(farthest.argmax())]} is {farthest.max():.0f} m from the world's origin when read in "
-            f"{units}, which looks like millimetres or map coordinates: set units in capture.toml, or move the origin"
+            f"{units}, which looks like "
+            + (
+                f"other units or map coordinates: {_EXPORT_AGAIN}"
+                if fixed
+                else "millimetres or map coordinates: set units in capture.toml, or move the origin"
+            )
         ]
     return []

@@ -1,7 +1,8 @@
 """Reading camera files of any supported kind, and refusing those that cannot be true."""
 
 from collections.abc import Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,108 +11,65 @@ from jaxmocap._results import InputError
 
 from ._calibration_toml import read_calibration_toml
 from ._cameras import Cameras
-from ._colmap import ColmapModel, colmap_files, intrinsics_of, read_colmap
+from ._colmap import colmap_files, read_colmap
+from ._colmap_poses import from_colmap
+from ._easymocap import FILES as EASYMOCAP_FILES, easymocap_files, read_easymocap
+from ._file_storage import read_storage
+from ._opencv_storage import SUFFIXES, opencv_files, read_opencv, read_opencv_files
 from ._plausibility import intrinsics_problems, rotation_problem, scale_problem
-
-_QUATERNION_TOLERANCE = 1e-3
-
-
-def ranges(frames: Sequence[int]) -> str:
-    """Frame numbers as a reader would say them: `3, 12-14`."""
-    runs: list[list[int]] = []
-    for frame in sorted(frames):
-        if runs and frame == runs[-1][1] + 1:
-            runs[-1][1] = frame
-        else:
-            runs.append([frame, frame])
-    return ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in runs)
+from ._qualisys import MILLIMETRE, read_qualisys
+from ._static_camera import StaticCamera, read_text
 
 
-def _images_by_frame(model: ColmapModel, names: tuple[str, ...]) -> dict[str, dict[int, int]]:
-    """For each of our cameras, frame number -> index of the model's image."""
-    found: dict[str, dict[int, int]] = {name: {} for name in names}
-    others = set()
-    for index, image in enumerate(model.images):
-        path = PurePosixPath(image.name.replace("\\", "/"))
-        camera = path.parent.as_posix()
-        if camera not in found:
-            others.add(camera)
-            continue
-        if not path.stem.isdecimal():
-            raise InputError(
-                f"{model.images_file}: image {image.name} is not named by its frame; expected {camera}/00000.png, with "
-                "the number of the frame in that camera's video, counted from 0"
-            )
-        if int(path.stem) in found[camera]:
-            raise InputError(f"{model.images_file} has two poses for {camera} frame {int(path.stem)}")
-        found[camera][int(path.stem)] = index
-    missing = [name for name in names if not found[name]]
-    if missing:
+def _static_files(path: Path, names: tuple[str, ...]) -> tuple[list[StaticCamera], float | None]:
+    """Static cameras from a calibration told by its content, and metres per unit where its form settles that."""
+    if path.is_dir():
+        pair = easymocap_files(path)
+        if pair is not None:
+            return read_easymocap(pair, names), None
+        files = opencv_files(path, names)
+        if files is not None:
+            return read_opencv_files(files, names), None
+        inside = sorted(item.name for item in path.iterdir())[:6]
         raise InputError(
-            f"{model.images_file} has no images of {', '.join(missing)}; its cameras are: "
-            f"{', '.join(sorted(others | {name for name in names if found[name]})) or 'none'}. Images must be named "
-            "<camera>/<frame>.png with the camera names of capture.toml"
+            f"{path.name}/ holds no COLMAP model; expected cameras.txt and images.txt, or cameras.bin and images.bin, "
+            "or EasyMocap's intri.yml and extri.yml, or a file of OpenCV's per camera, named after it, found "
+            f"{', '.join(inside) or 'nothing'}"
         )
-    return found
-
-
-def _check_coverage(model: ColmapModel, found: dict[str, dict[int, int]], frames: np.ndarray) -> None:
-    gaps, hint = [], ""
-    for name, wanted in zip(found, frames, strict=True):
-        missing = sorted({int(frame) for frame in wanted} - set(found[name]))
-        if missing:
-            gaps.append(f"{name} frame{'s' if len(missing) > 1 else ''} {ranges(missing)}")
-            if missing == [0] and len(wanted) in found[name]:
-                hint = "; the model seems to count from 1: number the images from 0"
-    if gaps:
+    if not path.is_file():
         raise InputError(
-            f"{model.images_file} has no pose for {', nor for '.join(gaps)}; every frame of every camera needs one"
-            + (hint or ": calibrate again, or shorten the capture")
+            f"{path.name} does not exist; expected a COLMAP model folder or a calibration of aniposelib, Pose2Sim, "
+            "FreeMoCap, EasyMocap, Qualisys or OpenCV"
         )
+    text = read_text(path, path.name)
+    begin = text.lstrip()[:1]
+    if begin == "<" and "<opencv_storage" not in text:
+        return read_qualisys(text, names, path.name), MILLIMETRE
+    if begin in ("<", "{", "%") or path.suffix.lower() in SUFFIXES:
+        document = read_storage(text, path.name)
+        if path.name in EASYMOCAP_FILES and "names" in document:
+            pair = easymocap_files(path.parent)
+            assert pair is not None
+            return read_easymocap(pair, names), None
+        return read_opencv(document, names, path.name), None
+    return read_calibration_toml(text, names, path.name)
 
 
-def _rotation(quaternion: np.ndarray, where: str) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
+class _Loaded(NamedTuple):
+    """Per camera (size, K, distortion, where it says so); poses (camera, frame or 1, 4, 4) in the file's units; and
+    metres per unit where the form of the file settles it."""
 
-    length = np.linalg.norm(quaternion)
-    if not np.isfinite(length) or abs(length - 1) > _QUATERNION_TOLERANCE:
-        raise InputError(f"{where}: the quaternion {quaternion.tolist()} has length {length:.4g}; expected 1")
-    return Rotation.from_quat(quaternion[[1, 2, 3, 0]]).as_matrix()
-
-
-def _from_colmap(model: ColmapModel, names: tuple[str, ...], frames: np.ndarray) -> tuple[list, np.ndarray]:
-    found = _images_by_frame(model, names)
-    _check_coverage(model, found, frames)
-    cameras = []
-    poses = np.tile(np.eye(4), (*frames.shape, 1, 1))
-    for index, name in enumerate(names):
-        used = {}
-        for step, frame in enumerate(frames[index]):
-            image = model.images[found[name][int(frame)]]
-            where = f"{model.images_file}: {name} frame {int(frame)}"
-            if image.camera_id not in model.cameras:
-                raise InputError(
-                    f"{where} refers to camera {image.camera_id}, which {model.cameras_file} does not have"
-                )
-            used.setdefault(model.cameras[image.camera_id], image.camera_id)
-            poses[index, step, :3, :3] = _rotation(np.asarray(image.quaternion), where)
-            poses[index, step, :3, 3] = image.translation
-            if not np.isfinite(poses[index, step]).all():
-                raise InputError(f"{where}: the translation {list(image.translation)} is not finite")
-        if len(used) > 1:
-            ids = ", ".join(str(value) for value in used.values())
-            raise InputError(
-                f"{model.cameras_file} gives {name} several sets of intrinsics (cameras {ids}); expected one per "
-                "video: calibrate with one shared camera for each video, and do not zoom"
-            )
-        camera = next(iter(used))
-        where = f"{model.cameras_file} camera {name}"
-        cameras.append((camera.size, *intrinsics_of(camera, where), where))
-    return cameras, poses
+    cameras: list[tuple[tuple[int, int], np.ndarray, np.ndarray, str]]
+    poses: np.ndarray
+    metres_per_unit: float | None
 
 
-def _from_toml(path: Path, names: tuple[str, ...], sizes: Sequence[tuple[int, int]] | None) -> tuple[list, np.ndarray]:
-    cameras = read_calibration_toml(path, names)
+def _load(path: Path, names: tuple[str, ...], sizes: Sequence[tuple[int, int]] | None, frames: np.ndarray) -> _Loaded:
+    folder = path.parent if path.name in ("cameras.txt", "cameras.bin", "images.txt", "images.bin") else path
+    files = colmap_files(folder)
+    if files is not None:
+        return _Loaded(*from_colmap(read_colmap(*files), names, frames), None)
+    static, unit = _static_files(path, names)
     described = [
         (
             camera.size or (sizes[i] if sizes else (0, 0)),
@@ -119,28 +77,9 @@ def _from_toml(path: Path, names: tuple[str, ...], sizes: Sequence[tuple[int, in
             camera.distortion,
             f"{path.name} camera {name}",
         )
-        for i, (name, camera) in enumerate(zip(names, cameras, strict=True))
+        for i, (name, camera) in enumerate(zip(names, static, strict=True))
     ]
-    return described, np.stack([camera.cam_from_world for camera in cameras])[:, None]
-
-
-def _load(
-    path: Path, names: tuple[str, ...], sizes: Sequence[tuple[int, int]] | None, frames: np.ndarray
-) -> tuple[list, np.ndarray]:
-    """Per camera (size, K, distortion, where it says so), and poses (camera, frame or 1, 4, 4) in the file's units."""
-    folder = path.parent if path.name in ("cameras.txt", "cameras.bin", "images.txt", "images.bin") else path
-    files = colmap_files(folder)
-    if files is not None:
-        return _from_colmap(read_colmap(*files), names, frames)
-    if path.is_file():
-        return _from_toml(path, names, sizes)
-    if path.is_dir():
-        inside = sorted(item.name for item in path.iterdir())[:6]
-        raise InputError(
-            f"{path.name}/ holds no COLMAP model; expected cameras.txt and images.txt, or cameras.bin and images.bin, "
-            f"found {', '.join(inside) or 'nothing'}"
-        )
-    raise InputError(f"{path.name} does not exist; expected a COLMAP model folder or a calibration TOML")
+    return _Loaded(described, np.stack([camera.cam_from_world for camera in static])[:, None], unit)
 
 
 def examine_cameras(
@@ -154,23 +93,27 @@ def examine_cameras(
     """As `read_cameras`, but cameras that cannot be true are returned with sentences that say why."""
     path, names = Path(path), tuple(names)
     frames = np.tile(np.arange(num_frames), (len(names), 1)) if frames is None else np.asarray(frames)
-    cameras, poses = _load(path, names, sizes, frames)
+    cameras, poses, unit = _load(path, names, sizes, frames)
+    scale = metres_per_unit if unit is None else unit
     problems: list[str] = []
     for index, (size, k, d, where) in enumerate(cameras):
         problems += intrinsics_problems(size, sizes[index] if sizes else None, k, d, where)
         wrong = [rotation_problem(pose[:3, :3], where) for pose in poses[index]]
         problems += [sentence for sentence in wrong if sentence][:1]
+        if not np.isfinite(poses[index, :, :3, 3]).all():
+            problems.append(f"{where}: the translation is not finite")
     poses = poses.copy()
-    poses[..., :3, 3] *= metres_per_unit
+    poses[..., :3, 3] *= scale
     if not problems:
-        problems += scale_problem(poses, names, path.name, metres_per_unit)
-    result = Cameras(
-        names,
-        tuple(camera[0] for camera in cameras),
-        jnp.asarray(np.stack([camera[1] for camera in cameras]), jnp.float32),
-        jnp.asarray(np.stack([camera[2] for camera in cameras]), jnp.float32),
-        jnp.asarray(np.broadcast_to(poses, (*frames.shape, 4, 4)), jnp.float32),
-    )
+        problems += scale_problem(poses, names, path.name, scale, fixed=unit is not None)
+    with np.errstate(over="ignore"):  # of numbers that are among the problems
+        result = Cameras(
+            names,
+            tuple(camera[0] for camera in cameras),
+            jnp.asarray(np.stack([camera[1] for camera in cameras]), jnp.float32),
+            jnp.asarray(np.stack([camera[2] for camera in cameras]), jnp.float32),
+            jnp.asarray(np.broadcast_to(poses, (*frames.shape, 4, 4)), jnp.float32),
+        )
     return result, problems
 
 
@@ -182,12 +125,14 @@ def read_cameras(
     frames: np.ndarray | None = None,
     metres_per_unit: float = 1.0,
 ) -> Cameras:
-    """Read the cameras called `names` from a COLMAP model (text or binary) or an aniposelib / Pose2Sim TOML.
+    """Read the cameras called `names` from a COLMAP model (text or binary) or a calibration of aniposelib, Pose2Sim,
+    FreeMoCap, EasyMocap, Qualisys or OpenCV (`write_cameras` lists the forms).
 
     `frames (camera, frame)` are the frame numbers in each camera's own video (default 0, 1, ... for all); `sizes` the
-    videos' (width, height), which must be the calibration's. Lengths are multiplied by `metres_per_unit`. The kind of
-    file is told by its content. Raises `InputError` naming file, camera and frames for poses that are missing, not
-    finite, mirrored or in other units, for focal lengths that are not positive, and for damaged files.
+    videos' (width, height), which must be the calibration's. Lengths are multiplied by `metres_per_unit`, except those
+    of Qualisys and FreeMoCap, which are millimetres. The kind of file is told by its content; pickles are never loaded.
+    Raises `InputError` naming file, camera and frames for poses that are missing, not finite, mirrored or in other
+    units, for focal lengths that are not positive, and for damaged files.
     """
     cameras, problems = examine_cameras(path, names, num_frames, sizes, frames, metres_per_unit)
     if problems:

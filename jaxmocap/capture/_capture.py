@@ -96,7 +96,7 @@ class Capture:
         if self.cameras_path is None:
             raise InputError(
                 f"capture {self.folder} has no cameras: calibrate it first (jaxmocap calibrate {self.folder}), or name "
-                "a COLMAP model or calibration TOML as cameras in capture.toml"
+                "a COLMAP model or a calibration file as cameras in capture.toml"
             )
         return read_cameras(
             self.cameras_path, self.camera_names, self.num_frames, self.sizes, self.video_frames, self.metres_per_unit

@@ -1,6 +1,6 @@
 """Motion: poses over time with confidence and provenance, their storage, and motion priors in time."""
 
-from ._atomic import (
+from jaxmocap._atomic import (
     atomic_folder as atomic_folder,
     atomic_path as atomic_path,
     write_bytes as write_bytes,
@@ -8,6 +8,7 @@ from ._atomic import (
     write_npz as write_npz,
     write_text as write_text,
 )
+
 from ._autoregression import predict_difference as predict_difference
 from ._folder import claim_output as claim_output
 from ._motion import Motion as Motion, cameras_at as cameras_at

@@ -32,11 +32,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmocap._atomic import atomic_path, json_text, npz_bytes, plain
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Skeleton
 
-from ._atomic import atomic_path, json_text, npz_bytes, plain
 from ._motion import Motion
 
 SCHEMA_VERSION = 1

@@ -103,7 +103,7 @@ def test_a_full_disk_leaves_no_result(motion, tmp_path, monkeypatch):
     def fail(path):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("jaxmocap.motion._atomic._flush", fail)
+    monkeypatch.setattr("jaxmocap._atomic._flush", fail)
     with pytest.raises(InputError, match="No space left"):
         motion.save(tmp_path / "result")
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,142 @@
+"""OpenCV's FileStorage as plain dicts: YAML, XML and JSON.
+
+OpenCV itself reads only the YAML, and of that no matrices: on damaged files its parsers crash, by deep nesting or by
+trusting the sizes of a matrix.
+"""
+
+import io
+import json
+import re
+import shlex
+import xml.etree.ElementTree as ElementTree
+from typing import Any
+
+from jaxmocap._results import InputError
+
+_DEEPEST = 12
+_UNSAFE_YAML = re.compile(rf"^[ ]{{{10 * _DEEPEST}}}|(?:-\s+){{{_DEEPEST}}}", re.MULTILINE)
+
+
+def parse_xml(text: str, label: str) -> ElementTree.Element:
+    """The root of an XML text. Raises `InputError` for one that is malformed, nested too deeply or defines entities."""
+    if "<!" in text.replace("<!--", ""):
+        raise InputError(f"{label} has a DOCTYPE or entities, which are not read; expected plain XML: remove them")
+    depth, root = 0, None
+    try:
+        for event, element in ElementTree.iterparse(io.StringIO(text), ("start", "end")):
+            root = element if root is None else root
+            depth += 1 if event == "start" else -1
+            if depth > _DEEPEST:
+                raise ElementTree.ParseError(f"it is nested more than {_DEEPEST} deep")
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise InputError(f"{label} cannot be read: {error}; expected whole XML: export it again") from error
+    assert root is not None
+    return root
+
+
+def _scalar(word: str) -> int | float | str:
+    for kind in (int, float):
+        try:
+            return kind(word)
+        except ValueError:
+            pass
+    return word
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A map, each key of which must be there once."""
+    keys = [key for key, _ in pairs]
+    if len(set(keys)) < len(keys):
+        raise ValueError(f"it has {next(key for key in keys if keys.count(key) > 1)} twice")
+    return dict(pairs)
+
+
+def _from_element(element: ElementTree.Element) -> Any:
+    """A map, a sequence (its members are called `_`), numbers and strings separated by blanks, or one of these."""
+    if len(element):
+        if all(child.tag == "_" for child in element):
+            return [_from_element(child) for child in element]
+        return _once([(child.tag, _from_element(child)) for child in element])
+    lexer = shlex.shlex(element.text or "", posix=True)
+    lexer.whitespace_split, lexer.commenters, lexer.quotes = True, "", '"'
+    values = [_scalar(word) for word in lexer]
+    return values[0] if len(values) == 1 else values
+
+
+def _from_node(node: Any, depth: int = 0) -> Any:
+    if depth > _DEEPEST:
+        raise ValueError("it is nested too deeply")
+    if node.isMap():
+        return {key: _from_node(node.getNode(key), depth + 1) for key in node.keys()}  # noqa: SIM118
+    if node.isSeq():
+        return [_from_node(node.at(index), depth + 1) for index in range(node.size())]
+    if node.isInt():
+        return int(node.real())
+    if node.isReal():
+        return node.real()
+    return node.string() if node.isString() else None
+
+
+def _from_yaml(text: str) -> Any:
+    import cv2
+
+    depth = 0
+    for bracket in re.finditer(r"[\[\]{}]", text):
+        depth += 1 if bracket[0] in "[{" else -1
+        if depth > _DEEPEST:
+            raise ValueError("it is nested too deeply")
+    if _UNSAFE_YAML.search(text):
+        raise ValueError("it is nested too deeply")
+    if not text.startswith("%YAML"):
+        raise ValueError("it does not begin with %YAML, as OpenCV's do")
+    try:
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        try:
+            return _from_node(storage.root())
+        finally:
+            storage.release()
+    except (cv2.error, SystemError, UnicodeDecodeError):
+        raise ValueError("it is cut off or malformed") from None
+
+
+def _matrices(value: Any) -> Any:
+    """Maps with rows, cols and data become matrices, as lists of rows."""
+    if isinstance(value, list):
+        return [_matrices(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if not {"rows", "cols", "data"} <= value.keys():
+        return {key: _matrices(item) for key, item in value.items()}
+    height, width, data = value["rows"], value["cols"], value["data"]
+    data = data if isinstance(data, list) else [data]
+    if not (
+        isinstance(height, int) and isinstance(width, int) and min(height, width) > 0 and height * width == len(data)
+    ):
+        raise ValueError(f"it has a matrix of {height} rows and {width} cols with {len(data)} numbers")
+    return [data[row * width : (row + 1) * width] for row in range(height)]
+
+
+def read_storage(text: str, label: str) -> dict[str, Any]:
+    """The content of a FileStorage: maps, lists, numbers, strings, and matrices as lists of rows.
+
+    Raises `InputError` for a text that is not whole, and for XML that defines entities.
+    """
+    text = text.lstrip()
+    try:
+        if text.startswith("<"):
+            found = _from_element(parse_xml(text, label))
+        elif text.startswith("{"):
+            found = json.loads(text, object_pairs_hook=_once)
+        else:
+            found = _from_yaml(text)
+        found = _matrices(found)
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = "it is nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(
+            f"{label} cannot be read: {reason}; expected a whole FileStorage of OpenCV, in YAML, XML or JSON"
+        ) from error
+    if not isinstance(found, dict):
+        raise InputError(f"{label} holds no cameras; expected a FileStorage of OpenCV with a section for each")
+    return found
