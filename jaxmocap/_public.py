@@ -5,6 +5,7 @@ from .capture import (
     Capture as Capture,
     Detections as Detections,
     Finding as Finding,
+    Synchronisation as Synchronisation,
     check as check,
     choose_frames as choose_frames,
 )
@@ -41,4 +42,5 @@ from .track import (
 )
 from .metrics import evaluate as evaluate
 from .viewers import contact_sheet as contact_sheet, draw_overlay as draw_overlay, overlay_videos as overlay_videos
+from ._synchronise import sync as sync
 from ._pipeline import track_capture as track_capture
