@@ -54,7 +54,14 @@ def _table(found: "Synchronisation", record: dict[str, Any]) -> Table:
         f"{name} {camera['offset_seconds']:+.4f} s = {camera['offset_frames']:+.2f} frames"
         for name, camera in record["cameras"].items()
     )
-    table = Table(title=f"offsets: {offsets}", title_justify="left")
+    undecided = [
+        f"{', '.join(pair['cameras'])} by {method}: {reason}"
+        for pair in record["pairs"]
+        for method, reason in pair["undecided"].items()
+    ]
+    table = Table(
+        title=f"offsets: {offsets}", title_justify="left", caption="\n".join(undecided), caption_justify="left"
+    )
     for column in ("Cameras", "By", "Offset, s", "frames", "whole", "Confidence", ""):
         table.add_column(column, justify="right" if column in ("Offset, s", "frames", "whole") else "left")
     for pair in record["pairs"]:
@@ -65,6 +72,4 @@ def _table(found: "Synchronisation", record: dict[str, Any]) -> Table:
             table.add_row(
                 cameras, method, f"{seconds:+.4f}", f"{frames:+.3f}", f"{whole:+d}", f"{one['confidence']:.3f}", used
             )
-        for method, reason in pair["undecided"].items():
-            table.add_row(cameras, method, "", "", "", reason, "")
     return table

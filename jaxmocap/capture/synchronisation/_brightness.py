@@ -15,7 +15,7 @@ _NOISES = 6.0
 _LEAST_JUMP = 3.0  # of 255
 _SATURATED = 245.0
 _BLACK = 6.0  # mean of 255, as in `check`
-_STILL = 0.05  # of 255
+_STILL = 0.3  # of 255; codecs make noise
 
 
 @dataclass(frozen=True, eq=False)

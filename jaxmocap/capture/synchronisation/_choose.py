@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 
 from ._estimate import METHODS, Estimate, MethodName
 
-_SELDOM_EXACT = {"motion": "which is good to about a frame"}
-
 
 @dataclass(frozen=True)
 class Pair:
@@ -64,10 +62,6 @@ def choose(
         notes.append(
             f"{between}: the offset in frames is {group[0].offset / frame:+.2f} by {chosen.method}{backing}, but it is "
             f"{said}: {chosen.method} is used; choose another with --method"
-        )
-    elif len(group) == 1 and chosen.method in _SELDOM_EXACT and len(reasons) > 1:
-        notes.append(
-            f"{between}: only {chosen.method} could decide, {_SELDOM_EXACT[chosen.method]}; look at the result"
         )
     if sound is not None and sound.drift is not None:
         drifted = abs(sound.drift) * float(sound.detail["shared_seconds"])

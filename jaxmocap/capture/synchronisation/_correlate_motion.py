@@ -8,12 +8,10 @@ from ._estimate import Estimate, Undecided
 from ._fourier import fast_length
 from ._motion_curve import MotionCurve
 
-Curve = Float64[np.ndarray, " sample"]
-
 _FINE = 4  # samples per frame
 _LEAST_SHARED = 1.0  # seconds; and of the shorter curve at least
 _LEAST_SHARE = 0.4
-_CHANCE = 0.02
+_CHANCE = 0.01
 _STILL = 1e-3  # picture heights per second
 
 
@@ -21,7 +19,7 @@ def compare_motions(first: MotionCurve, second: MotionCurve) -> Estimate:
     """The offset of the highest correlation of two motion curves, by a parabola through it and its neighbours.
 
     The confidence is 1 less the probability that unrelated curves of the same smoothness are as alike at any offset
-    (Bartlett's variance of a correlation). Raises `Undecided` if that is above 0.02.
+    (Bartlett's variance of a correlation). Raises `Undecided` if that is above 0.01.
     """
     names = first.index.path.name, second.index.path.name
     step = max(first.index.interval, second.index.interval) / _FINE
@@ -61,7 +59,7 @@ def _resample(curve: MotionCurve, step: float) -> Float64[np.ndarray, "sample ch
     return np.stack([np.interp(times, curve.seconds, channel) for channel in curve.values.T], axis=1)
 
 
-def _correlation(a: Curve, b: Curve) -> Curve:
+def _correlation(a: Float64[np.ndarray, " of_a"], b: Float64[np.ndarray, " of_b"]) -> Float64[np.ndarray, " lag"]:
     """Pearson's correlation over what `a` and `b` share at every lag from 1 - len(b) to len(a) - 1."""
     size = fast_length(len(a) + len(b))
     a, b = (a - a.mean()) / (a.std() + 1e-12), (b - b.mean()) / (b.std() + 1e-12)
@@ -70,7 +68,7 @@ def _correlation(a: Curve, b: Curve) -> Curve:
     begin, end = np.maximum(lags, 0), np.minimum(len(a), len(b) + lags)
     count = end - begin
 
-    def moments(x: Curve, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def moments(x: np.ndarray, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         sums = [np.concatenate([[0.0], np.cumsum(power)]) for power in (x, x * x)]
         mean, square = ((s[end] - s[begin]) / count for s in sums)
         return mean, np.maximum(square - mean**2, 1e-9)
@@ -80,7 +78,7 @@ def _correlation(a: Curve, b: Curve) -> Curve:
     return (product[lags] / count - mean_a * mean_b) / np.sqrt(variance_a * variance_b)
 
 
-def _memory(a: Curve, b: Curve) -> float:
+def _memory(a: Float64[np.ndarray, " of_a"], b: Float64[np.ndarray, " of_b"]) -> float:
     """Samples that count as one in a correlation of `a` and `b` (Bartlett): 1 + 2 sum of their autocorrelations."""
     of_both = [_correlation(x, x)[len(x) :][: min(len(a), len(b)) // 2] for x in (a, b)]
     n = min(len(one) for one in of_both)
@@ -88,7 +86,7 @@ def _memory(a: Curve, b: Curve) -> float:
     return float(max(1 + 2 * np.sum(of_both[0][:n] * of_both[1][:n] * taper), 1.0))
 
 
-def _vertex(values: Curve, peak: int) -> float:
+def _vertex(values: Float64[np.ndarray, " lag"], peak: int) -> float:
     """Where the parabola through a peak and its neighbours is highest, relative to the peak."""
     if not 0 < peak < len(values) - 1:
         return 0.0

@@ -3,10 +3,11 @@
 from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float32, Float64
 from scipy.stats import theilslopes
 
 from ._estimate import Estimate, Undecided
-from ._phase_correlation import Samples, match_anywhere, phase_correlation, repetition, smear
+from ._phase_correlation import match_anywhere, phase_correlation, repetition, smear
 from ._sound import RATE, Sound
 
 _LEAST_SHARED = 1.0  # seconds
@@ -62,7 +63,7 @@ def compare_sounds(first: Sound, second: Sound) -> Estimate:
     )
 
 
-def _highest(power: np.ndarray, guard: int) -> tuple[int, float]:
+def _highest(power: Float64[np.ndarray, " lag"], guard: int) -> tuple[int, float]:
     """Place of the highest peak (the middle of a flat one), and 1 - (next best / best) in amplitude above the usual
     level."""
     peak = int(np.mean(np.flatnonzero(power >= 0.999 * power.max())))
@@ -73,7 +74,9 @@ def _highest(power: np.ndarray, guard: int) -> tuple[int, float]:
     return peak, max(1.0 - float(np.sqrt(rival / height)), 0.0) if height > 0 else 0.0
 
 
-def _fit_line(a: Samples, b: Samples, lag: int, begin: int, end: int) -> tuple[float, float | None, float, int] | None:
+def _fit_line(
+    a: Float32[np.ndarray, " of_a"], b: Float32[np.ndarray, " of_b"], lag: int, begin: int, end: int
+) -> tuple[float, float | None, float, int] | None:
     """Delay in seconds at the middle of samples `begin` to `end` of `b`, drift, spread about the line, and number of
     windows; None if no window has a clear peak. The drift is None with fewer than four."""
     count = min(_MOST_WINDOWS, max(int((end - begin) / (_WINDOW * RATE)), 1))

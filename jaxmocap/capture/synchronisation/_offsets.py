@@ -11,8 +11,8 @@ from ._estimate import METHODS, Estimate
 def solve_offsets(
     pairs: Sequence[Pair], names: Sequence[str], tolerance: float, frame: float
 ) -> tuple[list[float], list[str]]:
-    """Offsets in seconds, 0 for the first camera, along the surest pairs; and a sentence for each pair that does not
-    close within `tolerance`.
+    """Offsets in seconds, 0 for the first camera, along the surest pairs; and a sentence for each that motion alone
+    ties and for each pair that does not close within `tolerance`.
 
     Raises `InputError` naming a camera that no pair ties to the first.
     """
@@ -29,7 +29,7 @@ def solve_offsets(
         else:
             known[tie.first] = known[tie.second] - offset
         used.append(tie)
-    notes = []
+    notes = [_weak(pair, names) for pair in used if _chosen(pair).method == "motion" and not pair.confirmed]
     for pair in pairs:
         if pair.chosen is None or any(pair is one for one in used):
             continue
@@ -51,6 +51,13 @@ def _certainty(pair: Pair) -> tuple[bool, int, float]:
     """Confirmed by another method first, then by how much the method is believed, then by its confidence."""
     chosen = _chosen(pair)
     return pair.confirmed, -METHODS.index(chosen.method), chosen.confidence
+
+
+def _weak(pair: Pair, names: Sequence[str]) -> str:
+    return (
+        f"{names[pair.first]} and {names[pair.second]}: motion alone decided, which is good to about a frame; look "
+        "whether they show the same moment"
+    )
 
 
 def _cannot(pairs: Sequence[Pair], names: Sequence[str], camera: int) -> str:

@@ -1,13 +1,11 @@
 """Generalised cross-correlation with phase transform (GCC-PHAT; Knapp and Carter, 1976) of sound tracks."""
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from ._fourier import fast_length
 from ._sound import RATE
-
-Samples = Float32[np.ndarray, " sample"]
 
 FASTEST_DRIFT = 2e-4
 """Seconds per second by which two clocks may differ; those of phones differ by less than half of it."""
@@ -17,12 +15,14 @@ _MOST_WINDOWS = 15
 _HEARD_FOR_REPEATS = 60.0  # seconds
 
 
-def _inside_band(size: int) -> np.ndarray:
+def _inside_band(size: int) -> Bool[np.ndarray, " frequency"]:
     frequencies = np.arange(size // 2 + 1) * (RATE / size)
     return (frequencies >= _BAND[0]) & (frequencies <= _BAND[1])
 
 
-def phase_correlation(a: Samples, b: Samples) -> Samples:
+def phase_correlation(
+    a: Float32[np.ndarray, " of_a"], b: Float32[np.ndarray, " of_b"]
+) -> Float32[np.ndarray, " circular_lag"]:
     """Correlation of whitened spectra within the band; circular: the lag k of `a` behind `b` is at index k."""
     size = fast_length(len(a) + len(b))
     cross = np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size))
@@ -31,7 +31,9 @@ def phase_correlation(a: Samples, b: Samples) -> Samples:
     return np.fft.irfft(cross * (inside / np.maximum(strength, floor)).astype(np.float32), size)
 
 
-def match_anywhere(a: Samples, b: Samples, lags: Int64[np.ndarray, " lag"]) -> np.ndarray:
+def match_anywhere(
+    a: Float32[np.ndarray, " of_a"], b: Float32[np.ndarray, " of_b"], lags: Int64[np.ndarray, " lag"]
+) -> Float64[np.ndarray, " lag"]:
     """How well `b` fits into `a` at each lag: power of the correlation, summed over windows of `b`.
 
     A window is so short that the drift of clocks does not blur it; over all of them a peak is as wide as the drift.
@@ -54,7 +56,7 @@ def smear(of_a: int, of_b: int) -> int:
     return 1 + 2 * int(FASTEST_DRIFT * min(of_a, of_b))
 
 
-def repetition(samples: Samples, guard: float) -> tuple[float, float]:
+def repetition(samples: Float32[np.ndarray, " sample"], guard: float) -> tuple[float, float]:
     """How much a track is like itself at another time, more than `guard` seconds later: the highest normalised
     correlation within the band, and the time in seconds."""
     heard = samples[: int(_HEARD_FOR_REPEATS * RATE)]

@@ -32,7 +32,7 @@ def read_sound(index: VideoIndex) -> Sound:
     Raises `Undecided` if there is none, or none that is heard, and `InputError` if it cannot be decoded.
     """
     name = index.path.name
-    pieces: list[tuple[float, Float32[np.ndarray, " sample"]]] = []
+    pieces: list[tuple[float, np.ndarray]] = []  # seconds of the first sample, samples
     try:
         with av.open(str(index.path)) as container:
             if not container.streams.audio:
@@ -62,7 +62,7 @@ def _timed(frame: av.AudioFrame) -> tuple[float, Float32[np.ndarray, " sample"]]
     return seconds, np.nan_to_num(frame.to_ndarray().reshape(-1).astype(np.float32))
 
 
-def _join(pieces: list[tuple[float, Float32[np.ndarray, " sample"]]]) -> Float32[np.ndarray, " sample"]:
+def _join(pieces: list[tuple[float, np.ndarray]]) -> Float32[np.ndarray, " sample"]:
     """One track in which every piece lies at its own time; small errors of timestamps are not followed."""
     start, joined, length = pieces[0][0], [], 0
     for seconds, samples in pieces:
