@@ -9,6 +9,7 @@ from .capture import (
     check as check,
     choose_frames as choose_frames,
 )
+from ._synchronise import sync as sync
 from .camera import Cameras as Cameras
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .appearance import Appearance as Appearance
@@ -42,5 +43,4 @@ from .track import (
 )
 from .metrics import evaluate as evaluate
 from .viewers import contact_sheet as contact_sheet, draw_overlay as draw_overlay, overlay_videos as overlay_videos
-from ._synchronise import sync as sync
 from ._pipeline import track_capture as track_capture

@@ -138,6 +138,22 @@ def test_drift_needs_no_loud_and_clean_sound():
     assert found.at(0.0) == pytest.approx(7.5, abs=0.001)
 
 
+def test_one_clap_alone_is_found_but_not_believed_before_anything_else():
+    random = np.random.default_rng(2)
+    clap = random.normal(size=800) * np.exp(-np.arange(800) / 150)
+    tracks = [random.normal(0, 0.05, 4 * RATE).astype(np.float32) for _ in range(2)]
+    for track, begin in zip(tracks, (30_000, 22_000), strict=True):
+        track[begin : begin + 800] += clap.astype(np.float32)
+    found = compare_sounds(Sound("a", tracks[0], 0.0), Sound("b", tracks[1], 0.0))
+    assert found.offset == pytest.approx(0.5, abs=0.0005)
+    assert found.confidence < 0.3
+    pair = chosen({"sound": found, **estimates(motion=0.9)})
+    assert pair.chosen.method == "motion"
+    alone = choose((0, 1), ("a", "b"), {"sound": found}, {}, 1 / 60, 1 / 30)
+    (note,) = solve_offsets([alone], ("a", "b"), 1 / 60, 1 / 30)[1]
+    assert note.startswith("a and b: sound alone decided, with a confidence of only 0.")
+
+
 @pytest.mark.parametrize(
     ("first", "second", "sentence"),
     [

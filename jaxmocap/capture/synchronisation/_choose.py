@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from ._estimate import METHODS, Estimate, MethodName
+from ._estimate import METHODS, SURE, Estimate, MethodName
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,9 @@ def apart(one: Estimate, other: Estimate) -> float:
 
 def agreeing(estimates: Mapping[MethodName, Estimate], tolerance: float) -> list[Estimate]:
     """The largest group of estimates within `tolerance` seconds of its first, which is the one to use; of groups of
-    one size the one whose first is believed most. Empty if there is no estimate."""
+    one size the one whose first is believed most, unsure ones last. Empty if there is no estimate."""
     ordered = [estimates[method] for method in METHODS if method in estimates]
+    ordered.sort(key=lambda one: one.confidence < SURE)
     groups = [[one, *(o for o in ordered if o is not one and apart(one, o) <= tolerance)] for one in ordered]
     return max(groups, key=len, default=[])
 

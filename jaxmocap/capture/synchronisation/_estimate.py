@@ -7,6 +7,8 @@ from typing import Any, Literal
 MethodName = Literal["flash", "sound", "motion"]
 METHODS: tuple[MethodName, ...] = ("flash", "sound", "motion")
 """In the order in which they are believed when they disagree."""
+SURE = 0.3
+"""Confidence below which an estimate counts less than any other."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from ._estimate import Estimate, Undecided
 
 _LIT = 0.5  # share of the cells
 _APART = 4  # frames
+_MOST = 30  # flashes; more are a strobe, in which none can be told from the next
 _EDGE = 0.03  # share of the lines; a smaller band is noise
 READOUT = 0.75
 """Time in which a rolling shutter reads the picture, as a share of the time between frames: phones take half to all."""
@@ -38,6 +39,8 @@ def find_flashes(brightness: Brightness) -> list[Flash]:
             share = float(jumps[frame : frame + 2].max())
             found.append(_locate(brightness.index, int(frame), share))
         last = int(frame)
+        if len(found) == _MOST:
+            break
     return found
 
 

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from jaxmocap._results import InputError
 
 from ._choose import Pair
-from ._estimate import METHODS, Estimate
+from ._estimate import METHODS, SURE, Estimate
 
 
 def solve_offsets(
     pairs: Sequence[Pair], names: Sequence[str], tolerance: float, frame: float
 ) -> tuple[list[float], list[str]]:
-    """Offsets in seconds, 0 for the first camera, along the surest pairs; and a sentence for each that motion alone
-    ties and for each pair that does not close within `tolerance`.
+    """Offsets in seconds, 0 for the first camera, along the surest pairs; and a sentence for each that is tied weakly
+    and for each pair that does not close within `tolerance`.
 
     Raises `InputError` naming a camera that no pair ties to the first.
     """
@@ -29,7 +29,7 @@ def solve_offsets(
         else:
             known[tie.first] = known[tie.second] - offset
         used.append(tie)
-    notes = [_weak(pair, names) for pair in used if _chosen(pair).method == "motion" and not pair.confirmed]
+    notes = [sentence for pair in used for sentence in _weakness(pair, names)]
     for pair in pairs:
         if pair.chosen is None or any(pair is one for one in used):
             continue
@@ -47,17 +47,25 @@ def _chosen(pair: Pair) -> Estimate:
     return pair.chosen
 
 
-def _certainty(pair: Pair) -> tuple[bool, int, float]:
+def _certainty(pair: Pair) -> tuple[bool, bool, int, float]:
     """Confirmed by another method first, then by how much the method is believed, then by its confidence."""
     chosen = _chosen(pair)
-    return pair.confirmed, -METHODS.index(chosen.method), chosen.confidence
+    return pair.confirmed, chosen.confidence >= SURE, -METHODS.index(chosen.method), chosen.confidence
 
 
-def _weak(pair: Pair, names: Sequence[str]) -> str:
-    return (
-        f"{names[pair.first]} and {names[pair.second]}: motion alone decided, which is good to about a frame; look "
-        "whether they show the same moment"
+def _weakness(pair: Pair, names: Sequence[str]) -> list[str]:
+    chosen = _chosen(pair)
+    if pair.confirmed or (chosen.method != "motion" and chosen.confidence >= SURE):
+        return []
+    why = (
+        "which is good to about a frame"
+        if chosen.method == "motion"
+        else f"with a confidence of only {chosen.confidence:.2f}"
     )
+    return [
+        f"{names[pair.first]} and {names[pair.second]}: {chosen.method} alone decided, {why}; look whether they show "
+        "the same moment"
+    ]
 
 
 def _cannot(pairs: Sequence[Pair], names: Sequence[str], camera: int) -> str:

@@ -6,8 +6,6 @@ import av
 import numpy as np
 from jaxtyping import Float32
 
-from jaxmocap._results import InputError
-
 from .._video import VideoIndex
 from ._estimate import Undecided
 
@@ -29,24 +27,25 @@ class Sound:
 def read_sound(index: VideoIndex) -> Sound:
     """The first sound track of a video, at most half an hour of it. Gaps between its timestamps are filled by silence.
 
-    Raises `Undecided` if there is none, or none that is heard, and `InputError` if it cannot be decoded.
+    Raises `Undecided` if there is none, none that is heard, or none that can be decoded.
     """
     name = index.path.name
     pieces: list[tuple[float, np.ndarray]] = []  # seconds of the first sample, samples
     try:
         with av.open(str(index.path)) as container:
-            if not container.streams.audio:
+            tracks = [track for track in container.streams.audio if track.codec_context is not None]
+            if not tracks:
                 raise Undecided(f"{name} has no sound")
             first_picture = float(index.pts[0] * container.streams.video[0].time_base)
             resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE)
-            for frame in container.decode(container.streams.audio[0]):
+            for frame in container.decode(tracks[0]):
                 pieces += [_timed(part) for part in resampler.resample(frame)]
                 if pieces and pieces[-1][0] - pieces[0][0] > _LONGEST:
                     break
             else:
                 pieces += [_timed(part) for part in resampler.resample(None)]
-    except (av.FFmpegError, OSError) as error:
-        raise InputError(f"the sound of video {index.path} cannot be decoded: {error}") from error
+    except (av.FFmpegError, OSError, ValueError) as error:
+        raise Undecided(f"the sound of {name} cannot be decoded ({error})") from error
     if not pieces:
         raise Undecided(f"{name} has no sound")
     samples = _join(pieces)
