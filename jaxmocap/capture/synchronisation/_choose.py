@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 from ._estimate import METHODS, SURE, Estimate, MethodName
 
@@ -27,12 +28,15 @@ def apart(one: Estimate, other: Estimate) -> float:
 
 
 def agreeing(estimates: Mapping[MethodName, Estimate], tolerance: float) -> list[Estimate]:
-    """The largest group of estimates within `tolerance` seconds of its first, which is the one to use; of groups of
-    one size the one whose first is believed most, unsure ones last. Empty if there is no estimate."""
+    """The largest group of estimates of which any two are within `tolerance` seconds, the one to use first; of groups
+    of one size the one whose first is believed most, unsure ones last. Empty if there is no estimate."""
     ordered = [estimates[method] for method in METHODS if method in estimates]
     ordered.sort(key=lambda one: one.confidence < SURE)
-    groups = [[one, *(o for o in ordered if o is not one and apart(one, o) <= tolerance)] for one in ordered]
-    return max(groups, key=len, default=[])
+    for size in range(len(ordered), 0, -1):
+        for group in combinations(ordered, size):
+            if all(apart(one, other) <= tolerance for one, other in combinations(group, 2)):
+                return list(group)
+    return []
 
 
 def choose(
@@ -56,7 +60,7 @@ def choose(
     if sound is not None and chosen.drift is None:
         moved = chosen.offset + sound.offset - sound.at(chosen.when)
         chosen = replace(chosen, offset=moved, when=sound.when, drift=sound.drift)
-    others = [one for one in estimates.values() if one not in group]
+    others = [one for one in estimates.values() if apart(group[0], one) > tolerance]
     if others:
         said = " and ".join(f"{one.offset / frame:+.2f} by {one.method}" for one in others)
         backing = "".join(f", and {one.method} agrees" for one in group[1:])

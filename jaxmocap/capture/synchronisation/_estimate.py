@@ -1,7 +1,7 @@
 """What one way of synchronising says about two videos."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 MethodName = Literal["flash", "sound", "motion"]
@@ -29,10 +29,6 @@ class Estimate:
     def at(self, when: float) -> float:
         """The offset at another time of the second video, seconds."""
         return self.offset + (self.drift or 0.0) * (when - self.when)
-
-    def reversed(self) -> "Estimate":
-        """The same with first and second video exchanged."""
-        return replace(self, offset=-self.offset, when=self.when + self.offset, drift=self.drift and -self.drift)
 
 
 class Undecided(Exception):

@@ -30,14 +30,17 @@ class Flash:
 
 
 def find_flashes(brightness: Brightness) -> list[Flash]:
-    """Every moment at which more than half of the picture is suddenly brighter, in order of time."""
+    """Every moment at which more than half of the picture is suddenly brighter, in order of time. One that
+    may have begun in the first frame, or before it, is left out."""
     jumps = brightness.jumps()
     found: list[Flash] = []
     last = -_APART
     for frame in np.flatnonzero(jumps >= _LIT):
         if frame - last >= _APART:
             share = float(jumps[frame : frame + 2].max())
-            found.append(_locate(brightness.index, int(frame), share))
+            flash = _locate(brightness.index, int(frame), share)
+            if flash.frame > 1 or flash.line > _EDGE:
+                found.append(flash)
         last = int(frame)
         if len(found) == _MOST:
             break
