@@ -5,9 +5,11 @@ from .capture import (
     Capture as Capture,
     Detections as Detections,
     Finding as Finding,
+    Synchronisation as Synchronisation,
     check as check,
     choose_frames as choose_frames,
 )
+from ._synchronise import sync as sync
 from .camera import Cameras as Cameras, read_cameras as read_cameras, write_cameras as write_cameras
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .appearance import Appearance as Appearance

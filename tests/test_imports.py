@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "jaxmocap"
 ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
     ("_pipeline",),
-    ("_complete",),
+    ("_complete", "_synchronise"),
     ("baselines",),
     ("exporters", "metrics", "viewers"),
     ("track",),

@@ -14,6 +14,7 @@ from ._evaluate import evaluate
 from ._fit_character import fit_character
 from ._register import register
 from ._segment import segment
+from ._sync import sync
 from ._track import track
 
 YOUR_INPUT, INTERRUPTED = 2, 130
@@ -22,6 +23,7 @@ YOUR_INPUT, INTERRUPTED = 2, 130
 _COMMANDS = {
     "demo": demo,
     "check": check,
+    "sync": sync,
     "segment": segment,
     "fit-character": fit_character,
     "register": register,

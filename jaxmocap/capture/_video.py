@@ -1,5 +1,6 @@
 """Videos: an index of presentation timestamps, and a reader that finds frames by timestamp, never by counting."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,6 +87,23 @@ def index_video(path: Path) -> VideoIndex:
     size = (first.height, first.width) if turns % 2 else (first.width, first.height)
     seconds = (values - values[0]) * float(time_base)
     return VideoIndex(path, size, values, seconds, turns)
+
+
+def luma_frames(index: VideoIndex) -> Iterator[tuple[int, UInt8[np.ndarray, "height width"]]]:
+    """Number and brightness of every frame in one pass, as stored: not turned upright, without converting colours.
+
+    Raises `InputError` where the video cannot be decoded.
+    """
+    container, stream = _open(index.path)
+    position = -1
+    try:
+        with container:
+            for frame in container.decode(stream):
+                position = int(np.searchsorted(index.pts, -1 if frame.pts is None else frame.pts))
+                if position < index.num_frames and index.pts[position] == frame.pts:
+                    yield position, frame.to_ndarray(format="gray")
+    except (av.FFmpegError, OSError) as error:
+        raise InputError(f"video {index.path} cannot be decoded after frame {position}: {error}") from error
 
 
 class FrameReader:

@@ -8,7 +8,7 @@ from small_captures import make_video, number_of, picture
 
 from jaxmocap._results import InputError
 from jaxmocap.capture._shared_frames import shared_frames
-from jaxmocap.capture._video import FrameReader, index_video
+from jaxmocap.capture._video import FrameReader, index_video, luma_frames
 
 
 def test_every_frame_is_found_going_forward_backward_and_jumping(tmp_path: Path):
@@ -55,6 +55,18 @@ def test_rotation_in_the_metadata_is_applied_to_pictures_and_size(tmp_path: Path
     reader = FrameReader(index)
     assert np.abs(reader.read(2).astype(int) - expected).mean() < 6
     reader.close()
+
+
+def test_brightness_is_read_in_one_pass_as_it_is_stored(tmp_path: Path):
+    index = index_video(make_video(tmp_path / "a.mp4", 9, milliseconds=range(0, 270, 30), rotation=90, first=5))
+    frames = list(luma_frames(index))
+    assert [number for number, _ in frames] == list(range(9))
+    assert [number_of(np.repeat(luma[..., None], 3, axis=2)) for _, luma in frames] == list(range(5, 14))
+    path = tmp_path / "b.mp4"
+    index = index_video(make_video(path, 40))
+    path.unlink()
+    with pytest.raises(InputError, match=r"b\.mp4 does not exist"):
+        list(luma_frames(index))
 
 
 def test_colours_survive_decoding_as_rgb(tmp_path: Path):

@@ -1,0 +1,90 @@
+"""What synchronising would write: a completed `capture.toml`, or a new capture made from videos."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from jaxmocap._results import InputError
+
+from ._capture import build
+from ._config import CameraEntry, CaptureConfig, config_path, read_config
+from ._edit_config import with_offsets
+from ._video import VideoIndex, index_video
+from .synchronisation import Progress, Synchronisation, SyncMethod, synchronise
+
+
+@dataclass(frozen=True)
+class SyncPlan:
+    """The offsets found, and the `text` for the capture's `file`. `copies` are videos that belong into a new capture's
+    folder, by their name there."""
+
+    file: Path
+    text: str
+    found: Synchronisation
+    copies: Mapping[str, Path] = field(default_factory=dict)
+
+
+def plan_sync(path: str | Path, method: SyncMethod = "auto", progress: Progress | None = None) -> SyncPlan:
+    """Synchronise the videos of a capture, with or without cameras. Writes nothing.
+
+    Raises `InputError` if `capture.toml` or a video cannot be used, or no method can decide.
+    """
+    file = config_path(path)
+    config, findings = read_config(file)
+    if config is None:
+        raise InputError(next(finding.message for finding in findings if finding.severity == "error"))
+    text = file.read_bytes().decode("utf-8")
+    names = [entry.name for entry in config.camera]
+    with_offsets(text, [0.0] * len(names), file)  # refuse what cannot be edited before the long work
+    videos = [index_video(file.parent / entry.video) for entry in config.camera]
+    found = synchronise(videos, names, method, progress)
+    found = replace(found, notes=(*found.notes, *_consequences(file, config, videos, found)))
+    return SyncPlan(file, with_offsets(text, found.offsets, file), found)
+
+
+def _consequences(
+    file: Path, config: CaptureConfig, videos: Sequence[VideoIndex], found: Synchronisation
+) -> tuple[str, ...]:
+    """What else in `capture.toml` no longer fits, if anything."""
+    entries = [
+        entry.model_copy(update={"offset": offset}) for entry, offset in zip(config.camera, found.offsets, strict=True)
+    ]
+    try:
+        build(file, config.model_copy(update={"camera": entries}), list(videos), [])
+    except InputError as error:
+        return (str(error),)
+    return ()
+
+
+def plan_new_capture(
+    videos: Sequence[str | Path], folder: str | Path, method: SyncMethod = "auto", progress: Progress | None = None
+) -> SyncPlan:
+    """Synchronise videos for a new capture in `folder`, whose cameras are named like the files. Writes nothing."""
+    folder, paths = Path(folder), [Path(video) for video in videos]
+    if len(paths) < 2:
+        raise InputError(f"a new capture needs two or more videos, and {len(paths)} was given")
+    indices = [index_video(path) for path in paths]
+    names = _camera_names(paths)
+    found = synchronise(indices, names, method, progress)
+    copies = {f"{name}{path.suffix}": path for name, path in zip(names, paths, strict=True)}
+    lines = [f"name = {_quoted(folder.resolve().name)}", f"fps = {round(1 / found.frame, 3):g}", 'units = "metres"']
+    lines.append('up = "y"')
+    for name, video, offset in zip(names, copies, found.offsets, strict=True):
+        entry = CameraEntry(name=name, video=video, offset=round(offset, 6) + 0.0)
+        lines += ["", "[[camera]]", f"name = {_quoted(entry.name)}", f"video = {_quoted(entry.video)}"]
+        lines.append(f"offset = {entry.offset!r}")
+    return SyncPlan(folder / "capture.toml", "\n".join(lines) + "\n", found, copies)
+
+
+def _camera_names(paths: Sequence[Path]) -> list[str]:
+    """File names without suffix as camera names, or cam0, cam1, ... if they are not different or not usable."""
+    names = [re.sub(r"[^\w.\-]", "_", path.stem).lstrip(".-") for path in paths]
+    if len({name.lower() for name in names}) < len(names) or not all(names):
+        return [f"cam{number}" for number in range(len(paths))]
+    return names
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)

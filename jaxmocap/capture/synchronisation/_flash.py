@@ -1,0 +1,132 @@
+"""The flash of a lamp, seen by all cameras: the paper's way (Section 3), to a part of a frame by a rolling shutter."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from .._video import FrameReader, VideoIndex
+from ._brightness import Brightness
+from ._estimate import Estimate, Undecided
+
+_LIT = 0.5  # share of the cells
+_APART = 4  # frames
+_MOST = 30  # flashes; more are a strobe, in which none can be told from the next
+_EDGE = 0.03  # share of the lines; a smaller band is noise
+READOUT = 0.75
+"""Time in which a rolling shutter reads the picture, as a share of the time between frames: phones take half to all."""
+
+
+@dataclass(frozen=True)
+class Flash:
+    """A sudden light: the first `frame` it falls into, the share of the lines read before it (`line`), the time it
+    began in seconds since the video's first frame, and the share of the picture it lights."""
+
+    frame: int
+    line: float
+    seconds: float
+    share: float
+
+
+def find_flashes(brightness: Brightness) -> list[Flash]:
+    """Every moment at which more than half of the picture is suddenly brighter, in order of time. One that
+    may have begun in the first frame, or before it, is left out."""
+    jumps = brightness.jumps()
+    found: list[Flash] = []
+    last = -_APART
+    for frame in np.flatnonzero(jumps >= _LIT):
+        if frame - last >= _APART:
+            share = float(jumps[frame : frame + 2].max())
+            flash = _locate(brightness.index, int(frame), share)
+            if flash.frame > 1 or flash.line > _EDGE:
+                found.append(flash)
+        last = int(frame)
+        if len(found) == _MOST:
+            break
+    return found
+
+
+def _locate(index: VideoIndex, frame: int, share: float) -> Flash:
+    """Look at full size at a flash seen in `frame`, which may have begun low in the frame before."""
+    reader = FrameReader(index)
+    numbers = np.clip([frame - 2, frame - 1, frame, frame + 1], 0, index.num_frames - 1)
+    dark, *others = (reader.read(int(number)) for number in numbers)
+    reader.close()
+    lines = [_first_lit_line(dark, others[number], others) for number in (0, 1)]
+    first = 0 if lines[0] < 1 - _EDGE else 1
+    line = min(lines[first], 1.0)
+    number = int(numbers[1 + first])
+    return Flash(number, line, float(index.seconds[number]) + line * READOUT * index.interval, share)
+
+
+def _first_lit_line(
+    dark: UInt8[np.ndarray, "height width 3"],
+    picture: UInt8[np.ndarray, "height width 3"],
+    around: Sequence[UInt8[np.ndarray, "height width 3"]],
+) -> float:
+    """The share of the lines of `picture` read before the light came, 1 if none is lit.
+
+    The lines may run along rows or columns, from either side: videos are turned. The light of a line is compared with
+    the most it gets in the pictures `around`, so that dark things do not look unlit.
+    """
+    best = (np.inf, 1.0)
+    for axis in (1, 0):
+        profile = lambda image, axis=axis: image.mean(axis=(axis, 2), dtype=np.float64)  # noqa: E731
+        gained = [profile(image) - profile(dark) for image in around]
+        most = np.maximum(np.max(gained, axis=0), 0.0)
+        lit = np.clip((profile(picture) - profile(dark)) / np.maximum(most, 1e-9), 0.0, 1.0)
+        for step in (1, -1):
+            best = min(best, _fit_step(lit[::step], most[::step]))
+    return best[1]
+
+
+def _fit_step(lit: Float[np.ndarray, " line"], weight: Float[np.ndarray, " line"]) -> tuple[float, float]:
+    """Cost and place in [0, 1] of the step from 0 to 1 that is nearest to `lit` in the weighted L1 norm."""
+    before = np.concatenate([[0.0], np.cumsum(weight * lit)])
+    after = np.concatenate([np.cumsum((weight * (1 - lit))[::-1])[::-1], [0.0]])
+    cost = (before + after) / max(weight.sum(), 1e-9)
+    place = np.flatnonzero(cost <= cost.min() + 1e-9)[-1]
+    return float(cost[place]), float(place / len(lit))
+
+
+def compare_flashes(
+    first: Brightness, second: Brightness, of_first: Sequence[Flash], of_second: Sequence[Flash]
+) -> Estimate:
+    """The offset at which most flashes of two videos coincide within half a frame.
+
+    The confidence is the share of the picture that the flash lights, times the lead over any other offset. Raises
+    `Undecided` without a flash in both videos, or if several offsets do equally well.
+    """
+    missing = [b.index.path.name for b, found in ((first, of_first), (second, of_second)) if not found]
+    if missing:
+        raise Undecided(f"{' and '.join(missing)} {'has' if len(missing) == 1 else 'have'} no flash")
+    tolerance = 0.5 * max(first.index.interval, second.index.interval)
+    offsets = np.array([[one.seconds - other.seconds for other in of_second] for one in of_first])
+    flat = offsets.ravel()
+    votes = np.array([(np.abs(offsets - offset) < tolerance).any(axis=0).sum() for offset in flat])
+    best = int(np.argmax(votes))
+    elsewhere = np.abs(flat - flat[best]) >= 2 * tolerance
+    rival = int(votes[elsewhere].max()) if elsewhere.any() else 0
+    if rival >= votes[best]:
+        raise Undecided(
+            f"{first.index.path.name} and {second.index.path.name} have {len(of_first)} and {len(of_second)} flashes, "
+            "which fit in several ways"
+        )
+    matches = [
+        (one, other)
+        for one in of_first
+        for other in of_second
+        if abs(one.seconds - other.seconds - flat[best]) < tolerance
+    ]
+    share = np.mean([min(one.share, other.share) for one, other in matches])
+    return Estimate(
+        "flash",
+        offset=float(np.median([one.seconds - other.seconds for one, other in matches])),
+        confidence=float(share * (votes[best] - rival) / votes[best]),
+        when=float(np.mean([other.seconds for _, other in matches])),
+        detail={
+            "frames": [[one.frame, other.frame] for one, other in matches],
+            "lines": [[round(one.line, 4), round(other.line, 4)] for one, other in matches],
+        },
+    )

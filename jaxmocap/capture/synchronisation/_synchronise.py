@@ -1,0 +1,110 @@
+"""Videos that started at different times: the offset of each, by flash, sound and motion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Literal
+
+from jaxmocap._results import InputError
+
+from .._shared_frames import shared_frames
+from .._video import VideoIndex
+from ._choose import Pair, agreeing, choose
+from ._estimate import METHODS, Estimate, MethodName, Undecided
+from ._evidence import Evidence, Progress
+from ._offsets import solve_offsets
+
+SyncMethod = Literal["auto", "flash", "sound", "motion"]
+
+_FEW_FRAMES = 1800  # of all videos; flow is slow, so that long ones are compared by motion only where it is needed
+
+
+@dataclass(frozen=True)
+class Synchronisation:
+    """`offsets`, one per camera: seconds which added to its video's own time give the first camera's.
+
+    `frame` is the first camera's time between frames, seconds. `notes` are sentences about what is doubtful.
+    """
+
+    cameras: tuple[str, ...]
+    offsets: tuple[float, ...]
+    frame: float
+    method: SyncMethod
+    pairs: tuple[Pair, ...]
+    notes: tuple[str, ...]
+
+    def record(self) -> dict[str, Any]:
+        """All of it as `sync.json` holds it."""
+        return {
+            "method": self.method,
+            "cameras": {
+                name: self._both_units(offset) for name, offset in zip(self.cameras, self.offsets, strict=True)
+            },
+            "pairs": [self._pair(pair) for pair in self.pairs],
+            "notes": list(self.notes),
+        }
+
+    def _both_units(self, offset: float) -> dict[str, Any]:
+        frames = offset / self.frame
+        return {"offset_seconds": round(offset, 6), "offset_frames": round(frames, 3), "whole_frames": round(frames)}
+
+    def _pair(self, pair: Pair) -> dict[str, Any]:
+        def one(estimate: Estimate) -> dict[str, Any]:
+            figures = {"confidence": round(estimate.confidence, 4), "at_seconds": round(estimate.when, 3)}
+            return {**self._both_units(estimate.offset), **figures, **estimate.detail}
+
+        return {
+            "cameras": [self.cameras[pair.first], self.cameras[pair.second]],
+            "used": None if pair.chosen is None else pair.chosen.method,
+            "estimates": {method: one(estimate) for method, estimate in pair.estimates.items()},
+            "undecided": dict(pair.reasons),
+        }
+
+
+def synchronise(
+    videos: Sequence[VideoIndex], names: Sequence[str], method: SyncMethod = "auto", progress: Progress | None = None
+) -> Synchronisation:
+    """Find when videos started. "auto" asks flash, sound and motion and holds them against each other.
+
+    Estimates agree within half a frame of the slower video. Of those that do not, the largest group that agrees is
+    used, else flash before sound before motion, and a note says so. Raises `InputError` where nothing can decide.
+    """
+    if len(videos) < 2:
+        raise InputError("there is one video; two or more are needed to synchronise them")
+    if any(video.num_frames < 2 for video in videos):
+        short = next(video.path for video in videos if video.num_frames < 2)
+        raise InputError(f"video {short} has one frame; nothing can be synchronised with it")
+    evidence, frame = Evidence(videos, progress), videos[0].interval
+    pairs = []
+    for first, second in combinations(range(len(videos)), 2):
+        tolerance = 0.5 * max(videos[first].interval, videos[second].interval)
+        estimates, reasons = _ask(evidence, first, second, method, tolerance)
+        both = (names[first], names[second])
+        pairs.append(choose((first, second), both, estimates, reasons, tolerance, frame))
+    offsets, open_loops = solve_offsets(pairs, names, 0.5 * max(video.interval for video in videos), frame)
+    try:
+        shared_frames(videos, offsets)
+    except InputError as error:
+        raise InputError(f"{error}; nothing was changed") from error
+    notes = (*(note for pair in pairs for note in pair.notes), *open_loops)
+    return Synchronisation(tuple(names), tuple(offsets), frame, method, tuple(pairs), notes)
+
+
+def _ask(
+    evidence: Evidence, first: int, second: int, method: SyncMethod, tolerance: float
+) -> tuple[dict[MethodName, Estimate], dict[MethodName, str]]:
+    """What the methods wanted say about two videos, and why the others do not."""
+    estimates: dict[MethodName, Estimate] = {}
+    reasons: dict[MethodName, str] = {}
+    few = sum(video.num_frames for video in evidence.videos) <= _FEW_FRAMES
+    for one in METHODS:
+        if method not in ("auto", one):
+            continue
+        if one == "motion" and method == "auto" and not few and len(agreeing(estimates, tolerance)) == 2:
+            reasons[one] = "it was not asked, for flash and sound agree"
+            continue
+        try:
+            estimates[one] = evidence.estimate(one, first, second)
+        except Undecided as undecided:
+            reasons[one] = str(undecided)
+    return estimates, reasons
