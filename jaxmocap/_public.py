@@ -9,6 +9,7 @@ from .capture import (
     choose_frames as choose_frames,
 )
 from .camera import Cameras as Cameras
+from .calibration import Calibration as Calibration, calibrate as calibrate
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .appearance import Appearance as Appearance
 from .observation import Observations as Observations, fit_capture_appearance as fit_capture_appearance

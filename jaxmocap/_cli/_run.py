@@ -8,6 +8,7 @@ import tyro
 from jaxmocap._results import InputError
 from jaxmocap._runtime import prepare
 
+from ._calibrate import calibrate
 from ._check import check
 from ._demo import demo
 from ._evaluate import evaluate
@@ -22,6 +23,7 @@ YOUR_INPUT, INTERRUPTED = 2, 130
 _COMMANDS = {
     "demo": demo,
     "check": check,
+    "calibrate": calibrate,
     "segment": segment,
     "fit-character": fit_character,
     "register": register,
