@@ -93,17 +93,9 @@ def _table(record: dict[str, Any], folder: Path) -> Table:
         record["person"]["sentence"][0].upper() + record["person"]["sentence"][1:],
         *(f"Warning: {warning}." for warning in record["warnings"]),
     ]
-    table = Table(title=str(folder), title_justify="left", caption="\n".join(sentences), caption_justify="left")
-    for column in (
-        "Camera",
-        "frames",
-        "placed again",
-        "interpolated",
-        "focal, px",
-        "residual, px",
-        "± cm",
-        "± degrees",
-    ):
+    caption = "\n".join(["Focal lengths and residuals in pixels; ± are standard deviations.", *sentences])
+    table = Table(title=str(folder), title_justify="left", caption=caption, caption_justify="left")
+    for column in ("Camera", "Frames", "Repaired", "Filled in", "Focal", "Residual", "± cm", "± deg"):
         table.add_column(column, justify="left" if column == "Camera" else "right")
     for name, camera in record["cameras"].items():
         table.add_row(
