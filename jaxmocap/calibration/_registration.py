@@ -20,10 +20,13 @@ _GUIDED_REACH = 12.0  # pixels at a width of 960
 
 @dataclass
 class Sightings:
-    """The points of the model that a frame may see: `pixels` and ids, some of them false."""
+    """The points of the model that a frame may see: pixels and ids, some of them false. `slots` are their rows in the
+    `keypoints` that the frame's image has, or will have: COLMAP lets an image have them once."""
 
     pixels: Float[np.ndarray, "sighting 2"]
     points: Int[np.ndarray, " sighting"]
+    slots: Int[np.ndarray, " sighting"]
+    keypoints: Float[np.ndarray, "keypoint 2"]
 
 
 @dataclass
@@ -77,13 +80,16 @@ class Model:
                     votes[int(own), point.point3D_id] = votes.get((int(own), point.point3D_id), 0) + 1
         chosen = {own: point for (own, point), _ in sorted(votes.items(), key=lambda item: (item[1], item[0]))}
         index = np.array(sorted(chosen), int)
-        return Sightings(features.points[index].astype(float), np.array([chosen[i] for i in index], int))
+        pixels, points = features.points[index].astype(float), np.array([chosen[i] for i in index], int)
+        if place in self.features:
+            return Sightings(pixels, points, index, features.points.astype(float))
+        return Sightings(pixels, points, np.arange(len(index)), pixels)
 
     def place(self, camera: int, sightings: Sightings, predicted: np.ndarray | None = None) -> PlacedFrame | None:
         """The pose that the sightings give, near the `predicted` one where there is one; None if they give none."""
         points3d = self.reconstruction.points3D
         alive = np.array([int(point) in points3d for point in sightings.points], bool)
-        pixels, points = sightings.pixels[alive], sightings.points[alive]
+        pixels, points, slots = sightings.pixels[alive], sightings.points[alive], sightings.slots[alive]
         places = np.array([points3d[int(point)].xyz for point in points]).reshape(-1, 3)
         lens = self.reconstruction.cameras[camera + 1]
         scale = max(self.footage.videos[camera].size) / 960
@@ -106,38 +112,34 @@ class Model:
         agrees = _residuals(lens, rigid, places, pixels) < _MAX_ERROR * scale
         if agrees.sum() < max(_FEWEST, _SMALLEST_SHARE * len(pixels)):
             return None
-        return PlacedFrame(rigid, Sightings(pixels[agrees], points[agrees]))
+        return PlacedFrame(rigid, Sightings(pixels[agrees], points[agrees], slots[agrees], sightings.keypoints))
 
     def add(self, place: Place, found: PlacedFrame) -> None:
         """Put a frame into the model, with its observations, instead of what there was of it."""
         if place in self.images:
-            self._clear(place)
+            if self.pose(place) is not None:
+                self.remove(place)
             image = self.reconstruction.images[self.images[place]]
             frame = self.reconstruction.frames[image.frame_id]
             frame.set_cam_from_world(image.camera_id, found.cam_from_world)
-            image.points2D = pycolmap.Point2DList([pycolmap.Point2D(pixel) for pixel in found.sightings.pixels])
             self.reconstruction.register_frame(image.frame_id)
         else:
             camera, number = place
             image = pycolmap.Image(
                 name=self.footage.videos[camera].image_name(number),
-                keypoints=found.sightings.pixels,
+                keypoints=found.sightings.keypoints,
                 camera_id=camera + 1,
-                image_id=max(self.reconstruction.images) + 1,
+                image_id=max(self.images.values(), default=0) + 1,
             )
             self.reconstruction.add_image_with_trivial_frame(image, found.cam_from_world)
             self.images[place] = image.image_id
-        for index, point in enumerate(found.sightings.points):
-            self.reconstruction.add_observation(int(point), pycolmap.TrackElement(self.images[place], index))
+        for slot, point in zip(found.sightings.slots, found.sightings.points, strict=True):
+            self.reconstruction.add_observation(int(point), pycolmap.TrackElement(self.images[place], int(slot)))
 
     def add_without_points(self, place: Place, cam_from_world: np.ndarray) -> None:
         """Put a pose into the model that nothing seen supports."""
-        empty = Sightings(np.zeros((0, 2)), np.zeros(0, int))
+        empty = Sightings(np.zeros((0, 2)), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)))
         self.add(place, PlacedFrame(pycolmap.Rigid3d(cam_from_world[:3]), empty))
-
-    def _clear(self, place: Place) -> None:
-        if self.pose(place) is not None:
-            self.remove(place)
 
 
 def _residuals(lens: pycolmap.Camera, rigid: pycolmap.Rigid3d, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation, Slerp
 
-_REACH = 7  # poses on either side that predict one
+_REACHES = (3, 7)  # poses on either side that predict one: near ones exactly, far ones past a run of wrong ones
 _DEGREE = 2
 _TIMES_USUAL = 8.0
 _SMALLEST_SHIFT = 0.003  # of the distance to the scene
-_SMALLEST_TURN = np.radians(0.25)
+_SMALLEST_TURN = np.radians(0.4)
 _MAD_TO_SIGMA = 1.4826
 
 
@@ -38,20 +38,21 @@ def find_outliers(
 ) -> Departures:
     """Poses that lie off the path of the others. `distance` to the scene, in the units of the poses, sets the scale.
 
-    Each pose is compared with a parabola through its neighbours fitted with absolute values, so that a run of wrong
-    poses shorter than its neighbourhood does not bend it. The worst are taken out, round by round, until none remain.
+    Each pose is compared with parabolas through its three and its seven neighbours on either side, fitted with absolute
+    values: the first follow a hand's shake ten times more closely, the second are not bent by five wrong poses.
+    The worst are taken out, round by round, until none remain; `shift` and `turn` are those of the first.
     """
     count = len(times)
     outlier = np.zeros(count, bool)
     shift, turn, usual_shift, usual_turn = np.zeros(count), np.zeros(count), 0.0, 0.0
     for _ in range(12):
-        shift, turn = _departures(times, cam_from_world, ~outlier)
-        shift = shift / distance
-        usual_shift, usual_turn = (_spread(values[~outlier]) for values in (shift, turn))
-        excess = np.maximum(
-            shift / max(_TIMES_USUAL * usual_shift, _SMALLEST_SHIFT),
-            turn / max(_TIMES_USUAL * usual_turn, _SMALLEST_TURN),
-        )
+        excess = np.zeros(count)
+        for reach in reversed(_REACHES):
+            shift, turn = _departures(times, cam_from_world, ~outlier, reach)
+            shift = shift / distance
+            usual_shift, usual_turn = (_spread(values[~outlier]) for values in (shift, turn))
+            excess = np.maximum(excess, shift / max(_TIMES_USUAL * usual_shift, _SMALLEST_SHIFT))
+            excess = np.maximum(excess, turn / max(_TIMES_USUAL * usual_turn, _SMALLEST_TURN))
         now = excess > np.maximum(1.0, 0.3 * excess[~outlier].max(initial=0.0))
         now |= outlier & (excess > 1.0)
         if (now == outlier).all():
@@ -65,11 +66,11 @@ def _spread(values: np.ndarray) -> float:
     return _MAD_TO_SIGMA * float(np.median(values)) if len(values) else 0.0
 
 
-def _departures(times: np.ndarray, poses: np.ndarray, trusted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _departures(times: np.ndarray, poses: np.ndarray, trusted: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:
     """Distance of every pose from the path its trusted neighbours make, the pose itself left out."""
     shift, turn = np.zeros(len(times)), np.zeros(len(times))
     for index in range(len(times)):
-        neighbours = _neighbours(index, trusted)
+        neighbours = _neighbours(index, trusted, reach)
         if len(neighbours) < 3:
             continue
         predicted = _predict(times[index], times[neighbours], poses[neighbours])
@@ -79,9 +80,9 @@ def _departures(times: np.ndarray, poses: np.ndarray, trusted: np.ndarray) -> tu
     return shift, turn
 
 
-def _neighbours(index: int, trusted: np.ndarray) -> Int[np.ndarray, " neighbour"]:
+def _neighbours(index: int, trusted: np.ndarray, reach: int) -> Int[np.ndarray, " neighbour"]:
     usable = np.flatnonzero(trusted)
-    before, after = usable[usable < index][-_REACH:], usable[usable > index][:_REACH]
+    before, after = usable[usable < index][-reach:], usable[usable > index][:reach]
     return np.concatenate([before, after])
 
 
@@ -105,7 +106,7 @@ def _robust_value_at_zero(offset: np.ndarray, values: np.ndarray, degree: int) -
     minority of wrong values cannot move far."""
     basis = np.vander(offset, degree + 1, increasing=True)
     away = np.linalg.norm(values - np.median(values, axis=0), axis=1)
-    for _ in range(20):
+    for _ in range(10):
         weight = 1 / np.maximum(away, 1e-9 + 1e-3 * np.median(away))
         scaled = np.sqrt(weight)[:, None]
         coefficients, *_ = np.linalg.lstsq(scaled * basis, scaled * values, rcond=None)

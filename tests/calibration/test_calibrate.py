@@ -117,7 +117,7 @@ def test_a_black_video_and_one_of_another_place_are_refused(square, tmp_path):
     other = write_video(tmp_path / "other.mp4", COUNT, lambda number: np.roll(noise, number, axis=1))
     for name, video, words in (("a", black, "'cam1'.* 0 points"), ("b", other, "'cam1' shares no background")):
         (tmp_path / name).mkdir()
-        footage = footage_of(two(tmp_path / name, square, video), None, 5, 1, 0)
+        footage = replace(footage_of(two(tmp_path / name, square, video), None, 5, 1, 0), num_features=600)
         with pytest.raises(InputError, match=words):
             match_key_frames(footage, tmp_path / name / "database.db", silent)
 
