@@ -50,9 +50,9 @@ class Footage:
         return all(video.focal_known for video in self.videos)
 
     def key_frames(self, camera: int) -> list[int]:
-        """Every `key_step`-th frame of a video, and its last; short videos have at least eight where they can."""
+        """Every `key_step`-th frame of a video, and its last; short videos have at least six where they can."""
         frames = self.videos[camera].frames
-        step = max(1, min(self.key_step, len(frames) // 8))
+        step = max(1, min(self.key_step, len(frames) // 6))
         return sorted({*frames[::step], frames[-1]})
 
     def instant(self, camera: int, frame: int) -> int:

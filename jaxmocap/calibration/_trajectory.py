@@ -68,16 +68,14 @@ def _spread(values: np.ndarray) -> float:
 
 def _departures(times: np.ndarray, poses: np.ndarray, trusted: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:
     """Distance of every pose from the path its trusted neighbours make, the pose itself left out."""
-    shift, turn = np.zeros(len(times)), np.zeros(len(times))
+    predicted = np.array(poses, np.float64)
     for index in range(len(times)):
         neighbours = _neighbours(index, trusted, reach)
-        if len(neighbours) < 3:
-            continue
-        predicted = _predict(times[index], times[neighbours], poses[neighbours])
-        shift[index] = np.linalg.norm(camera_centres(poses[index][None])[0] - camera_centres(predicted[None])[0])
-        relative = Rotation.from_matrix(poses[index, :3, :3] @ predicted[:3, :3].T)
-        turn[index] = relative.magnitude()
-    return shift, turn
+        if len(neighbours) >= 3:
+            predicted[index] = _predict(times[index], times[neighbours], poses[neighbours])
+    shift = np.linalg.norm(camera_centres(poses) - camera_centres(predicted), axis=1)
+    relative = poses[:, :3, :3] @ predicted[:, :3, :3].transpose(0, 2, 1)
+    return shift, Rotation.from_matrix(relative).magnitude()
 
 
 def _neighbours(index: int, trusted: np.ndarray, reach: int) -> Int[np.ndarray, " neighbour"]:
@@ -88,15 +86,15 @@ def _neighbours(index: int, trusted: np.ndarray, reach: int) -> Int[np.ndarray, 
 
 def _predict(time: float, times: np.ndarray, poses: np.ndarray) -> np.ndarray:
     """The pose at `time` on robust parabolas through centres and rotation vectors."""
-    rotations = Rotation.from_matrix(poses[:, :3, :3])
-    apart = np.stack([(rotation * rotations.inv()).magnitude() for rotation in rotations])
-    middle = rotations[int(np.median(apart, axis=1).argmin())]  # the most central, so that rotation vectors are small
-    values = np.concatenate([camera_centres(poses), (rotations * middle.inv()).as_rotvec()], axis=1)
+    rotations = poses[:, :3, :3]
+    alike = np.einsum("aij,bij->ab", rotations, rotations)
+    middle = rotations[int(np.median(alike, axis=1).argmax())]  # the most central, so that rotation vectors are small
+    values = np.concatenate([camera_centres(poses), Rotation.from_matrix(rotations @ middle.T).as_rotvec()], axis=1)
     offset = (times - time) / max(np.abs(times - time).max(), 1e-9)
     degree = _DEGREE if min((offset < 0).sum(), (offset > 0).sum()) >= 2 else 1
     value = np.concatenate([_robust_value_at_zero(offset, part, degree) for part in (values[:, :3], values[:, 3:])])
     pose = np.eye(4)
-    pose[:3, :3] = (Rotation.from_rotvec(value[3:]) * middle).as_matrix()
+    pose[:3, :3] = Rotation.from_rotvec(value[3:]).as_matrix() @ middle
     pose[:3, 3] = -pose[:3, :3] @ value[:3]
     return pose
 
@@ -108,8 +106,9 @@ def _robust_value_at_zero(offset: np.ndarray, values: np.ndarray, degree: int) -
     away = np.linalg.norm(values - np.median(values, axis=0), axis=1)
     for _ in range(10):
         weight = 1 / np.maximum(away, 1e-9 + 1e-3 * np.median(away))
-        scaled = np.sqrt(weight)[:, None]
-        coefficients, *_ = np.linalg.lstsq(scaled * basis, scaled * values, rcond=None)
+        weighted = basis * (weight / weight.max())[:, None]
+        ridge = 1e-12 * np.eye(degree + 1)  # neighbours of weight near zero may leave too few
+        coefficients = np.linalg.solve(weighted.T @ basis + ridge, weighted.T @ values)
         away = np.linalg.norm(values - basis @ coefficients, axis=1)
     return coefficients[0]
 

@@ -53,7 +53,7 @@ def refused(arguments: list[object], capsys) -> str:
 
 
 def test_a_filmed_square_is_calibrated_in_place(square, capsys):
-    """30 s: the only whole run among the quick tests."""
+    """The only whole run among the quick tests."""
     before = files_of(square)
     assert run(["calibrate", str(square), "--camera-distance", str(distance()), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
