@@ -14,7 +14,7 @@ ROWS = (
     ("_complete", "_synchronise"),
     ("baselines",),
     ("exporters", "metrics", "viewers"),
-    ("track",),
+    ("track", "calibration"),
     ("energies", "samplers", "refiners", "motion"),
     ("observation",),
     ("appearance",),
@@ -26,7 +26,18 @@ ROWS = (
 )
 RANK = {name: row for row, names in enumerate(ROWS) for name in names} | {"synthetic": 4.5}  # just below `track`
 HOST_LIBRARIES = {"cv2", "av", "trimesh", "pycolmap", "pygltflib"}
-HOST_PACKAGES = {"capture", "camera", "character", "observation", "viewers", "synthetic", "appearance", "track", "_cli"}
+HOST_PACKAGES = {
+    "calibration",
+    "capture",
+    "camera",
+    "character",
+    "observation",
+    "viewers",
+    "synthetic",
+    "appearance",
+    "track",
+    "_cli",
+}
 ARRAYS_ONLY = {"samplers", "refiners", "geometry"}
 
 

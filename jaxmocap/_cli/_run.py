@@ -8,6 +8,7 @@ import tyro
 from jaxmocap._results import InputError
 from jaxmocap._runtime import prepare
 
+from ._calibrate import calibrate
 from ._check import check
 from ._demo import demo
 from ._evaluate import evaluate
@@ -24,6 +25,7 @@ _COMMANDS = {
     "demo": demo,
     "check": check,
     "sync": sync,
+    "calibrate": calibrate,
     "segment": segment,
     "fit-character": fit_character,
     "register": register,

@@ -59,8 +59,9 @@ class Capture:
     found_masks: Mapping[tuple[int, int], Bool[np.ndarray, "height width"]] = field(default_factory=dict)
 
     @staticmethod
-    def open(path: str | Path) -> "Capture":
-        """Open a capture folder, or its `capture.toml`.
+    def open(path: str | Path, *, with_cameras: bool = True) -> "Capture":
+        """Open a capture folder, or its `capture.toml`. Without cameras, whatever it says about them is not looked at,
+        and images, masks and keypoints are as recorded.
 
         Raises `InputError` naming the file, camera or frame for anything that makes the capture unusable; `check`
         lists everything at once.
@@ -69,6 +70,8 @@ class Capture:
         config, findings = read_config(file)
         if config is None:
             raise InputError(next(finding.message for finding in findings if finding.severity == "error"))
+        if not with_cameras:
+            config = config.model_copy(update={"cameras": None})
         capture = build(file, config, [index_video(file.parent / entry.video) for entry in config.camera], findings)
         for _, missing in missing_files(file, config):
             raise InputError(missing)

@@ -10,6 +10,7 @@ from jaxmocap._results import InputError
 _CAMERA = re.compile(r"\s*\[\[\s*(?:camera|\"camera\"|'camera')\s*\]\]\s*(?:#.*)?$")
 _HEADER = re.compile(r"\s*\[")
 _OFFSET = re.compile(r"(\s*(?:offset|\"offset\"|'offset')\s*=\s*)([^\s#]+)(.*)$", re.DOTALL)
+_CAMERAS = re.compile(r"(\s*(?:cameras|\"cameras\"|'cameras')\s*=\s*)(\"[^\"]*\"|'[^']*')(.*)$", re.DOTALL)
 _KEY = re.compile(r"(\s*)[\w\"'.\-]+\s*=")
 
 
@@ -37,6 +38,32 @@ def with_offsets(text: str, offsets: Sequence[float], file: Path) -> str:
     return edited
 
 
+def with_cameras_line(text: str, cameras: str, file: Path) -> str:
+    """The text of `capture.toml` with `cameras` naming this folder; comments and order are kept.
+
+    Raises `InputError` if the file is laid out so that this cannot be done without changing anything else.
+    """
+    lines = text.splitlines(keepends=True)
+    end = next((number for number, line in enumerate(lines) if _HEADER.match(line)), len(lines))
+    found = next((match for match in map(_CAMERAS.match, lines[:end]) if match is not None), None)
+    if found is not None:
+        lines[lines.index(found.string)] = f'{found[1]}"{cameras}"{found[3]}'
+    else:
+        keys = [number for number in range(end) if _KEY.match(lines[number])]
+        _add_line(lines, keys[-1] if keys else None, f'cameras = "{cameras}"')
+    edited = "".join(lines)
+    try:
+        done = _values(edited) == {**_values(text), "cameras": cameras}
+    except tomllib.TOMLDecodeError:
+        done = False
+    if not done:
+        raise InputError(
+            f'{file} cannot be completed in place; write the line cameras = "{cameras}" before the first [[camera]] '
+            "by hand"
+        )
+    return edited
+
+
 def _set_offset(lines: list[str], start: int, value: str) -> None:
     """Change or add `offset` in the section whose header is line `start`."""
     end = next((n for n in range(start + 1, len(lines)) if _HEADER.match(lines[n])), len(lines))
@@ -50,10 +77,15 @@ def _set_offset(lines: list[str], start: int, value: str) -> None:
         found = _KEY.match(lines[number])
         if found is not None:
             last, indent = number, found[1]
-    ending = "\r\n" if lines[start].endswith("\r\n") else "\n"
-    if not lines[last].endswith("\n"):
-        lines[last] += ending
-    lines.insert(last + 1, f"{indent}offset = {value}{ending}")
+    _add_line(lines, last, f"{indent}offset = {value}")
+
+
+def _add_line(lines: list[str], after: int | None, line: str) -> None:
+    """Insert a line behind another one, or at the top, with the line ends of the file."""
+    ending = "\r\n" if lines and lines[0].endswith("\r\n") else "\n"
+    if after is not None and not lines[after].endswith("\n"):
+        lines[after] += ending
+    lines.insert(0 if after is None else after + 1, line + ending)
 
 
 def _values(text: str) -> dict:

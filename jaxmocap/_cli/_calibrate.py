@@ -1,0 +1,111 @@
+"""`jaxmocap calibrate`: the cameras of a capture from its videos."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.table import Table
+
+from jaxmocap._results import InputError
+
+from ._arguments import CapturePath, Json, Seed
+from ._output import progress, show
+
+
+def calibrate(
+    capture: CapturePath,
+    height: Annotated[
+        float | None,
+        tyro.conf.arg(
+            metavar="METRES",
+            help="The person's height, which tells the scale.",
+            help_behavior_hint="(default: the actor's bones)",
+        ),
+    ] = None,
+    camera_distance: Annotated[
+        float | None,
+        tyro.conf.arg(
+            metavar="METRES",
+            help="Metres between the first two cameras at their first shared frame, instead of the person's size.",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    up: Annotated[
+        tuple[float, float, float] | None,
+        tyro.conf.arg(
+            metavar="X Y Z",
+            help="Up as the first camera sees it at the first shared frame: x right, y down, z forward.",
+            help_behavior_hint="(default: from ground and cameras)",
+        ),
+    ] = None,
+    focal: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="CAMERA=PIXELS ...",
+            help="Focal lengths to keep, such as cam0=1450 cam1=1450.",
+            help_behavior_hint="(default: found)",
+        ),
+    ] = (),
+    key_step: Annotated[int, tyro.conf.arg(metavar="N", help="One key frame in so many frames.")] = 5,
+    replace: Annotated[
+        bool,
+        tyro.conf.arg(help="Calibrate though capture.toml names cameras; they are kept.", help_behavior_hint=""),
+    ] = False,
+    seed: Seed = 0,
+    json: Json = False,
+) -> int:
+    """Find the poses and lenses of moving cameras from their videos, and complete capture.toml."""
+    from jaxmocap.calibration import calibrate_in_place
+
+    lengths = _focal_lengths(focal)
+    with progress() as report:
+        calibration, folder = calibrate_in_place(
+            capture,
+            replace=replace,
+            height=height,
+            camera_distance=camera_distance,
+            up=up,
+            focal=lengths,
+            key_step=key_step,
+            seed=seed,
+            progress=report,
+        )
+    show({"folder": folder, **calibration.record}, lambda: _table(calibration.record, folder), json_wanted=json)
+    return 0
+
+
+def _focal_lengths(texts: tuple[str, ...]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise InputError(f"--focal has {text!r}; CAMERA=PIXELS was expected, such as cam0=1450.") from None
+    return found
+
+
+def _table(record: dict[str, Any], folder: Path) -> Table:
+    scale, gravity = record["scale"], record["gravity"]
+    sentences = [
+        f"Scale from the {scale['from']} (standard deviation {100 * scale['relative_deviation']:.1f} %), up from the "
+        f"{gravity['from']}; {record['seconds']:.0f} s.",
+        record["person"]["sentence"][0].upper() + record["person"]["sentence"][1:],
+        *(f"Warning: {warning}." for warning in record["warnings"]),
+    ]
+    caption = "\n".join(["Focal lengths and residuals in pixels; ± are standard deviations.", *sentences])
+    table = Table(title=str(folder), title_justify="left", caption=caption, caption_justify="left")
+    for column in ("Camera", "Frames", "Repaired", "Filled in", "Focal", "Residual", "± cm", "± deg"):
+        table.add_column(column, justify="left" if column == "Camera" else "right")
+    for name, camera in record["cameras"].items():
+        table.add_row(
+            name,
+            f"{camera['frames'][0]}-{camera['frames'][1]}",
+            str(len(camera["placed_again"])),
+            str(len(camera["interpolated"])),
+            f"{camera['focal_pixels']:.1f}",
+            f"{camera['median_residual_pixels']:.2f}",
+            f"{100 * camera['centre_deviation_m']:.2f}",
+            f"{camera['rotation_deviation_degrees']:.3f}",
+        )
+    return table

@@ -1,0 +1,4 @@
+"""Calibration of moving cameras from their videos: one metric COLMAP model with a pose per camera and frame."""
+
+from ._calibrate import Calibration as Calibration, calibrate as calibrate
+from ._in_place import calibrate_in_place as calibrate_in_place

@@ -1,0 +1,136 @@
+"""Calibrating the moving cameras of a capture: structure from motion, then scale, gravity and a report."""
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras, read_cameras
+from jaxmocap.capture import Capture
+from jaxmocap.motion import atomic_folder, write_bytes, write_json
+
+from ._child import run_worker
+from ._gravity import find_gravity
+from ._job import as_recorded, footage_of, keypoints_of
+from ._measure import find_scale, known_bone_lengths, refuse_without_scale, subject_views
+from ._picture import draw_paths, png_bytes
+from ._record import Solved, make_record, pose_table
+from ._subject import triangulate_views
+from ._world import look_at_point, world_from_model
+
+Progress = Callable[[str, int, int], None]
+
+_MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin", "rigs.bin", "frames.bin")
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Calibrated cameras over a capture's shared frames, in metres, and how they were found.
+
+    `record` is what `calibration.json` holds, `poses` what `uncertainty.json` holds, `picture` the paths (RGB),
+    `files` the COLMAP model in the capture's units and axes by file name.
+    """
+
+    cameras: Cameras
+    record: dict[str, Any]
+    poses: dict[str, Any]
+    picture: UInt8[np.ndarray, "height width 3"]
+    files: Mapping[str, bytes]
+
+    def save(self, folder: str | Path) -> None:
+        """Write the model, `calibration.json`, `uncertainty.json` and `calibration.png` to a new folder, whole or not
+        at all."""
+        with atomic_folder(folder) as partial:
+            for name, data in self.files.items():
+                write_bytes(partial / name, data)
+            write_json(partial / "calibration.json", self.record)
+            write_json(partial / "uncertainty.json", self.poses)
+            write_bytes(partial / "calibration.png", png_bytes(self.picture))
+
+
+def calibrate(
+    capture: Capture,
+    *,
+    height: float | None = None,
+    camera_distance: float | None = None,
+    up: tuple[float, float, float] | None = None,
+    focal: Mapping[str, float] | None = None,
+    key_step: int = 5,
+    seed: int = 0,
+    progress: Progress = lambda stage, done, total: None,
+) -> Calibration:
+    """Poses of all frames, focal lengths and radial distortion of all cameras of a capture, from its videos.
+
+    Scale: `camera_distance`, metres between the first two cameras at the first shared frame; else the person's bones,
+    from keypoints in two views, against the capture's actor, or against a person of `height` metres. Up: the direction
+    `up` in the first camera at the first shared frame (x right, y down, z forward), else found. `focal` lengths in
+    pixels, by camera, are kept; without them they are found. Whatever cameras the capture has are not looked at.
+
+    Raises `InputError` for footage that cannot be calibrated; nothing is written.
+    """
+    began = time.perf_counter()
+    recorded = as_recorded(capture)
+    _refuse_numbers(height, camera_distance, up)
+    footage = footage_of(recorded, focal, key_step, _cores(), seed)
+    lengths, source = known_bone_lengths(recorded, height)
+    keypoints = keypoints_of(recorded)
+    refuse_without_scale(recorded, lengths, keypoints, camera_distance)
+    with tempfile.TemporaryDirectory(prefix="jaxmocap-") as temporary:
+        work = Path(temporary)
+        (work / "job.json").write_text(footage.to_json(), encoding="utf-8")
+        run_worker("reconstruct", work, progress)
+        solved = Solved.read(work / "result.npz", recorded, footage)
+        views = subject_views(recorded, solved, keypoints)
+        scale = find_scale(solved, views, lengths, source, camera_distance)
+        people = [triangulate_views(view) for view in views]
+        given = None if up is None else solved.pose(0, 0)[:3, :3].T @ np.asarray(up, float)
+        gravity = find_gravity(solved.poses, solved.points, solved.distance, people, given)
+        joints = np.concatenate([p[np.isfinite(p).all(1)] for p in people]) if people else np.zeros((0, 3))
+        ankles = np.concatenate([p[[11, 14]] for p in people]) if people else np.zeros((0, 3))
+        world = world_from_model(
+            solved.shared_poses().reshape(-1, 4, 4),
+            scale.metres_per_unit,
+            gravity,
+            recorded.up,
+            joints if len(joints) else look_at_point(solved.poses)[None],
+            ankles[np.isfinite(ankles).all(1)],
+        )
+        units = 1 / recorded.metres_per_unit
+        write_json(
+            work / "similarity.json",
+            {"scale": units * world.scale, "rotation": world.rotation, "translation": units * world.translation},
+        )
+        run_worker("transform", work, progress)
+        files = {name: (work / "cameras" / name).read_bytes() for name in _MODEL_FILES}
+        cameras = read_cameras(
+            work / "cameras",
+            recorded.camera_names,
+            recorded.num_frames,
+            recorded.sizes,
+            recorded.video_frames,
+            recorded.metres_per_unit,
+        )
+    record = make_record(recorded, solved, scale, gravity, world, joints, time.perf_counter() - began)
+    person = world.points(joints)
+    picture = draw_paths(recorded, solved, world, person)
+    return Calibration(cameras, record, pose_table(recorded, solved, world), picture, files)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _refuse_numbers(height: float | None, distance: float | None, up: tuple[float, float, float] | None) -> None:
+    if height is not None and not 0.4 < height < 2.6:
+        raise InputError(f"--height is {height:g}; the actor's height in metres was expected, such as 1.75")
+    if distance is not None and not 0.01 < distance < 200:
+        raise InputError(f"--camera-distance is {distance:g}; metres between the first two cameras were expected")
+    if up is not None and not (np.isfinite(up).all() and np.linalg.norm(up) > 0):
+        raise InputError(f"--up is {up}; three numbers, not all zero, were expected: x right, y down, z forward")

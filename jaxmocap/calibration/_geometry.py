@@ -1,0 +1,54 @@
+"""What the cameras' places mean for depth: angles between them at the person, and the error of one pixel there."""
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ._trajectory import camera_centres
+
+
+class ViewGeometry(NamedTuple):
+    """At the person: the largest angle between two cameras, degrees; the standard deviation in metres of a point seen
+    with one pixel of error by every camera, in its most and its least certain direction."""
+
+    angle: float
+    across: float
+    depth: float
+
+
+def view_geometry(
+    focal: Float[np.ndarray, " camera"],
+    cam_from_world: Float[np.ndarray, "camera 4 4"],
+    subject: Float[np.ndarray, "3"],
+) -> ViewGeometry:
+    """The geometry at one instant; depth is infinite for cameras in one line with the person."""
+    rays = subject - camera_centres(cam_from_world)
+    distances = np.linalg.norm(rays, axis=1)
+    rays = rays / distances[:, None]
+    angles = [np.degrees(np.arccos(np.clip(a @ b, -1, 1))) for a, b in combinations(rays, 2)]
+    per_pixel = focal / distances
+    information = np.einsum("c,cij->ij", per_pixel**2, np.eye(3) - rays[:, :, None] * rays[:, None, :])
+    values = np.linalg.eigvalsh(information)
+    worst = 1 / np.sqrt(values[0]) if values[0] > 1e-9 * values[-1] else np.inf
+    return ViewGeometry(float(max(angles, default=0.0)), float(1 / np.sqrt(values[-1])), float(worst))
+
+
+def sentence(geometry: ViewGeometry) -> str:
+    """What the angle means, in words."""
+    if not np.isfinite(geometry.depth):
+        return "the cameras see the person from one direction only: depth cannot be measured; place them apart."
+    ratio = geometry.depth / geometry.across
+    advice = (
+        "place them 30 to 90 degrees apart"
+        if geometry.angle < 15
+        else "more angle would help depth"
+        if geometry.angle < 30
+        else "a good angle"
+    )
+    return (
+        f"the cameras see the person from directions {geometry.angle:.0f} degrees apart: a pixel of error is "
+        f"{100 * geometry.across:.1f} cm across and {100 * geometry.depth:.1f} cm in depth ({ratio:.1f} times as much; "
+        f"two cameras 50 degrees apart have 2.4 times, 5 degrees apart 23 times): {advice}."
+    )

@@ -1,0 +1,142 @@
+"""Key frames matched with each other, in the database that COLMAP's mapper reads."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2  # noqa: F401  (before pycolmap: the other order crashes)
+import numpy as np
+import pycolmap
+
+from jaxmocap._results import InputError
+
+from ._features import Features, match, read_features
+from ._footage import Footage
+from ._pairs import Place, key_pairs
+
+Report = Callable[[str, int, int], None]
+
+_FEWEST_FEATURES = 60  # in half of the key frames
+_FEWEST_MATCHES = 15
+_FEWEST_ACROSS = 30  # verified matches of the best pair between two cameras
+_CHUNK = 64
+
+
+def match_key_frames(footage: Footage, path: Path, report: Report) -> dict[Place, Features]:
+    """Write cameras, features of key frames and verified matches to the database `path`; the features by place.
+
+    Raises `InputError` for a video without texture, and for cameras whose views have nothing in common.
+    """
+    features: dict[Place, Features] = {}
+    ids: dict[Place, int] = {}
+    total = sum(len(footage.key_frames(camera)) for camera in range(len(footage.videos)))
+    pairs = []
+    with pycolmap.Database.open(path) as database:
+        for camera, video in enumerate(footage.videos):
+            _write_camera(database, footage, camera)
+            for frame, found in read_features(video, footage.key_frames(camera), footage.num_features):
+                place = camera, frame
+                features[place] = found
+                ids[place] = database.write_image(pycolmap.Image(name=video.image_name(frame), camera_id=camera + 1))
+                database.write_keypoints(ids[place], found.points)
+                report("features of key frames", len(features), total)
+            _refuse_blank(footage, camera, features)
+        wanted = key_pairs(footage)
+        for number, (one, other) in enumerate(wanted, start=1):
+            matches = match(features[one], features[other])
+            if len(matches) >= _FEWEST_MATCHES:
+                database.write_matches(ids[one], ids[other], matches)
+                pairs.append((one, other))
+            report("matching key frames", number, len(wanted))
+    _verify(footage, path, pairs, report)
+    _refuse_apart(footage, path)
+    return features
+
+
+def best_pairs_across(path: Path, count: int) -> list[tuple[int, int]]:
+    """The image pairs of different cameras with most verified matches, each image in one of them only."""
+    chosen: list[tuple[int, int]] = []
+    for inliers, one, other, same in sorted(_verified(path), reverse=True):
+        if not same and inliers >= _FEWEST_ACROSS and not {one, other} & {image for pair in chosen for image in pair}:
+            chosen.append((one, other))
+    return chosen[:count]
+
+
+def _write_camera(database: pycolmap.Database, footage: Footage, camera: int) -> None:
+    video = footage.videos[camera]
+    width, height = video.size
+    database.write_camera(
+        pycolmap.Camera(
+            camera_id=camera + 1,
+            model="SIMPLE_RADIAL",
+            width=width,
+            height=height,
+            params=[video.focal, width / 2, height / 2, 0.0],
+            has_prior_focal_length=video.focal_known,
+        ),
+        use_camera_id=True,
+    )
+
+
+def _verify(footage: Footage, path: Path, pairs: list[tuple[Place, Place]], report: Report) -> None:
+    """Keep the matches that an epipolar geometry explains."""
+    names = [tuple(footage.videos[c].image_name(f) for c, f in pair) for pair in pairs]
+    options = pycolmap.TwoViewGeometryOptions()
+    options.detect_watermark = False
+    options.ransac.max_error = 2.0 * max(max(video.size) for video in footage.videos) / 960
+    options.ransac.random_seed = footage.seed
+    file = path.with_suffix(".pairs")
+    for start in range(0, len(names), _CHUNK):
+        file.write_text("".join(f"{a} {b}\n" for a, b in names[start : start + _CHUNK]), encoding="utf-8")
+        pycolmap.verify_matches(path, file, options)
+        report("verifying matches", min(start + _CHUNK, len(names)), len(names))
+
+
+def _verified(path: Path) -> list[tuple[int, int, int, bool]]:
+    """Per pair of images: verified matches, both image ids, and whether one camera made both."""
+    with pycolmap.Database.open(path) as database:
+        cameras = {image.image_id: image.camera_id for image in database.read_all_images()}
+        pair_ids, counts = database.read_two_view_geometry_num_inliers()
+    result = []
+    for pair_id, count in zip(np.asarray(pair_ids), np.asarray(counts), strict=True):
+        one, other = pycolmap.pair_id_to_image_pair(int(pair_id))
+        result.append((int(count), one, other, cameras[one] == cameras[other]))
+    return result
+
+
+def _refuse_blank(footage: Footage, camera: int, features: dict[Place, Features]) -> None:
+    video = footage.videos[camera]
+    counts = [len(found.points) for (own, _), found in features.items() if own == camera]
+    if np.median(counts) >= _FEWEST_FEATURES:
+        return
+    where = " outside the person" if video.boxes or video.masks else ""
+    raise InputError(
+        f"camera '{video.name}' cannot be calibrated: its frames show only {np.median(counts):.0f} points that can be "
+        f"recognised{where}, at least {_FEWEST_FEATURES} are needed; film where the background has texture and light, "
+        "and leave room around the person."
+    )
+
+
+def _refuse_apart(footage: Footage, path: Path) -> None:
+    """Every camera must share background with the first, directly or through others."""
+    if len(footage.videos) == 1:
+        return
+    with pycolmap.Database.open(path) as database:
+        cameras = {image.image_id: image.camera_id - 1 for image in database.read_all_images()}
+    best: dict[tuple[int, int], int] = {}
+    for inliers, one, other, same in _verified(path):
+        key = min(cameras[one], cameras[other]), max(cameras[one], cameras[other])
+        if not same:
+            best[key] = max(best.get(key, 0), inliers)
+    reached, grown = {0}, True
+    while grown:
+        more = {b for pair, count in best.items() if count >= _FEWEST_ACROSS and set(pair) & reached for b in pair}
+        grown = not more <= reached
+        reached |= more
+    for camera, video in enumerate(footage.videos):
+        if camera not in reached:
+            most = max((count for pair, count in best.items() if camera in pair), default=0)
+            raise InputError(
+                f"camera '{video.name}' shares no background with the others: the best pair of frames has {most} "
+                f"points in common, at least {_FEWEST_ACROSS} are needed; film the same place from directions less far "
+                "apart (20 to 60 degrees), or calibrate with --key-step 2 if the cameras cross only for a moment."
+            )

@@ -1,0 +1,175 @@
+"""Placing single frames in a model: features matched with placed key frames, then perspective-n-point."""
+
+from dataclasses import dataclass, field
+
+import cv2  # noqa: F401  (before pycolmap: the other order crashes)
+import numpy as np
+import pycolmap
+from jaxtyping import Float, Int
+
+from ._features import Features, match, read_features
+from ._footage import Footage
+from ._matching import Report
+from ._pairs import Place, frame_pairs
+
+_MAX_ERROR = 3.0  # pixels at a width of 960
+_FEWEST = 25
+_SMALLEST_SHARE = 0.2
+_GUIDED_REACH = 12.0  # pixels at a width of 960
+
+
+@dataclass
+class Sightings:
+    """The points of the model that a frame may see: pixels and ids, some of them false. `slots` are their rows in the
+    `keypoints` that the frame's image has, or will have: COLMAP lets an image have them once."""
+
+    pixels: Float[np.ndarray, "sighting 2"]
+    points: Int[np.ndarray, " sighting"]
+    slots: Int[np.ndarray, " sighting"]
+    keypoints: Float[np.ndarray, "keypoint 2"]
+
+
+@dataclass
+class PlacedFrame:
+    """A frame's pose and which of its sightings agree with it."""
+
+    cam_from_world: pycolmap.Rigid3d
+    sightings: Sightings
+
+
+@dataclass
+class Model:
+    """A reconstruction, its images by camera and frame, and the features of key frames."""
+
+    footage: Footage
+    reconstruction: pycolmap.Reconstruction
+    features: dict[Place, Features]
+    images: dict[Place, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for image in self.reconstruction.images.values():
+            self.images[self.place_of(image)] = image.image_id
+
+    @staticmethod
+    def place_of(image: pycolmap.Image) -> Place:
+        return image.camera_id - 1, int(image.name.rsplit("/", 1)[1].removesuffix(".png"))
+
+    def pose(self, place: Place) -> np.ndarray | None:
+        """cam_from_world (4, 4), or None."""
+        image = self.reconstruction.images[self.images[place]] if place in self.images else None
+        if image is None or not image.has_pose:
+            return None
+        pose = np.eye(4)
+        pose[:3] = image.cam_from_world().matrix()
+        return pose
+
+    def remove(self, place: Place) -> None:
+        """Take a frame's pose and observations out."""
+        self.reconstruction.deregister_frame(self.reconstruction.images[self.images[place]].frame_id)
+
+    def sightings(self, place: Place, features: Features) -> Sightings:
+        """Points of placed key frames around a frame that its features match; the commonest vote counts."""
+        votes: dict[tuple[int, int], int] = {}
+        for key in frame_pairs(self.footage, *place):
+            if key == place or self.pose(key) is None:
+                continue
+            seen = self.reconstruction.images[self.images[key]].points2D
+            for own, other in match(features, self.features[key]):
+                point = seen[int(other)]
+                if point.has_point3D():
+                    votes[int(own), point.point3D_id] = votes.get((int(own), point.point3D_id), 0) + 1
+        chosen = {own: point for (own, point), _ in sorted(votes.items(), key=lambda item: (item[1], item[0]))}
+        index = np.array(sorted(chosen), int)
+        pixels, points = features.points[index].astype(float), np.array([chosen[i] for i in index], int)
+        if place in self.features:
+            return Sightings(pixels, points, index, features.points.astype(float))
+        return Sightings(pixels, points, np.arange(len(index)), pixels)
+
+    def place(self, camera: int, sightings: Sightings, predicted: np.ndarray | None = None) -> PlacedFrame | None:
+        """The pose that the sightings give, near the `predicted` one where there is one; None if they give none."""
+        points3d = self.reconstruction.points3D
+        alive = np.array([int(point) in points3d for point in sightings.points], bool)
+        pixels, points, slots = sightings.pixels[alive], sightings.points[alive], sightings.slots[alive]
+        places = np.array([points3d[int(point)].xyz for point in points]).reshape(-1, 3)
+        lens = self.reconstruction.cameras[camera + 1]
+        scale = max(self.footage.videos[camera].size) / 960
+        if predicted is not None:
+            rigid = pycolmap.Rigid3d(predicted[:3])
+            near = _residuals(lens, rigid, places, pixels) < _GUIDED_REACH * scale
+            if near.sum() < _FEWEST:
+                return None
+            found = pycolmap.refine_absolute_pose(rigid, pixels, places, near, lens)
+        else:
+            if len(pixels) < _FEWEST:
+                return None
+            options = pycolmap.AbsolutePoseEstimationOptions()
+            options.ransac.max_error = _MAX_ERROR * scale
+            options.ransac.random_seed = self.footage.seed
+            found = pycolmap.estimate_and_refine_absolute_pose(pixels, places, lens, options)
+        if found is None:
+            return None
+        rigid = found["cam_from_world"]
+        agrees = _residuals(lens, rigid, places, pixels) < _MAX_ERROR * scale
+        if agrees.sum() < max(_FEWEST, _SMALLEST_SHARE * len(pixels)):
+            return None
+        return PlacedFrame(rigid, Sightings(pixels[agrees], points[agrees], slots[agrees], sightings.keypoints))
+
+    def add(self, place: Place, found: PlacedFrame) -> None:
+        """Put a frame into the model, with its observations, instead of what there was of it."""
+        if place in self.images:
+            if self.pose(place) is not None:
+                self.remove(place)
+            image = self.reconstruction.images[self.images[place]]
+            frame = self.reconstruction.frames[image.frame_id]
+            frame.set_cam_from_world(image.camera_id, found.cam_from_world)
+            self.reconstruction.register_frame(image.frame_id)
+        else:
+            camera, number = place
+            image = pycolmap.Image(
+                name=self.footage.videos[camera].image_name(number),
+                keypoints=found.sightings.keypoints,
+                camera_id=camera + 1,
+                image_id=max(self.images.values(), default=0) + 1,
+            )
+            self.reconstruction.add_image_with_trivial_frame(image, found.cam_from_world)
+            self.images[place] = image.image_id
+        for slot, point in zip(found.sightings.slots, found.sightings.points, strict=True):
+            self.reconstruction.add_observation(int(point), pycolmap.TrackElement(self.images[place], int(slot)))
+
+    def add_without_points(self, place: Place, cam_from_world: np.ndarray) -> None:
+        """Put a pose into the model that nothing seen supports."""
+        empty = Sightings(np.zeros((0, 2)), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)))
+        self.add(place, PlacedFrame(pycolmap.Rigid3d(cam_from_world[:3]), empty))
+
+
+def _residuals(lens: pycolmap.Camera, rigid: pycolmap.Rigid3d, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Reprojection errors in pixels; infinite behind the camera."""
+    inside = points @ rigid.rotation.matrix().T + rigid.translation
+    front = inside[:, 2] > 1e-6
+    errors = np.full(len(points), np.inf)
+    if front.any():
+        errors[front] = np.linalg.norm(lens.img_from_cam(inside[front]) - pixels[front], axis=1)
+    return errors
+
+
+def place_other_frames(model: Model, report: Report) -> dict[Place, Sightings]:
+    """Place every frame that has no pose yet; what each of them may see, for another try."""
+    footage = model.footage
+    sightings: dict[Place, Sightings] = {}
+    missing = [
+        [frame for frame in video.frames if model.pose((camera, frame)) is None]
+        for camera, video in enumerate(footage.videos)
+    ]
+    found: dict[Place, PlacedFrame] = {}
+    total = sum(map(len, missing))
+    for camera, video in enumerate(footage.videos):
+        for frame, features in read_features(video, missing[camera], footage.num_features):
+            place = camera, frame
+            sightings[place] = model.sightings(place, features)
+            placed = model.place(camera, sightings[place])
+            if placed is not None:
+                found[place] = placed
+            report("placing all frames", len(sightings), total)
+    for place, placed in found.items():  # after all were placed by key frames alone
+        model.add(place, placed)
+    return sightings

@@ -1,0 +1,86 @@
+"""Wrong and missing poses of a model whose cameras are known."""
+
+import cv2  # noqa: F401  (before pycolmap)
+import numpy as np
+import pycolmap
+import pytest
+from moving_cameras import FOCAL, centres_of, paths, project
+from scipy.spatial.transform import Rotation
+
+from jaxmocap.calibration._features import Features
+from jaxmocap.calibration._footage import Footage, VideoFootage
+from jaxmocap.calibration._registration import Model, Sightings
+from jaxmocap.calibration._repair import repair
+from jaxmocap.calibration._worker import write_result
+
+COUNT = 16
+POSES = paths(COUNT)
+WRONG, UNSEEN = [(0, 5), (1, 11)], (1, 4)
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    pass
+
+
+@pytest.fixture(scope="module")
+def seen() -> tuple[Model, dict]:
+    """Every frame placed by what it sees, with 10 % false sightings, except one that sees nothing."""
+    generator = np.random.default_rng(0)
+    videos = tuple(VideoFootage(name, "", (960, 540), 0, COUNT - 1, FOCAL, False, {}, {}) for name in ("cam0", "cam1"))
+    reconstruction = pycolmap.Reconstruction()
+    for camera in (1, 2):
+        lens = pycolmap.Camera(camera_id=camera, model="SIMPLE_RADIAL", width=960, height=540)
+        lens.params = [FOCAL, 480, 270, 0.0]
+        reconstruction.add_camera_with_trivial_rig(lens)
+    points = generator.uniform([-2, -0.3, -3], [2, 2.2, 1], (200, 3))
+    ids = np.array([reconstruction.add_point3D(point, pycolmap.Track()) for point in points])
+    blank = Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
+    features = {(camera, frame): blank for camera in range(2) for frame in range(0, COUNT, 3)}
+    model = Model(Footage(videos, (0, 0), seed=1), reconstruction, features)
+    sightings = {}
+    for camera in range(2):
+        for frame in range(COUNT):
+            pixels = project(POSES[camera, frame], points) + 0.3 * generator.normal(size=(200, 2))
+            pixels[::10] += 80
+            sightings[camera, frame] = Sightings(pixels, ids, np.arange(200), pixels)
+    nothing = Sightings(np.zeros((0, 2)), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)))
+    sightings[UNSEEN] = nothing
+    for place, what in sightings.items():
+        found = model.place(place[0], what)
+        assert (found is None) == (place == UNSEEN)
+        if found is not None:
+            model.add(place, found)
+    return model, sightings
+
+
+def test_wrong_poses_are_placed_again_and_missing_ones_filled_in(seen, tmp_path):
+    model, sightings = seen
+    for place in WRONG:
+        image = model.reconstruction.images[model.images[place]]
+        frame = model.reconstruction.frames[image.frame_id]
+        pose = POSES[place]
+        turned = Rotation.from_rotvec([0.0, 0.2, 0.0]).as_matrix() @ pose[:3, :3]
+        moved = -turned @ (centres_of(pose) + [0.3, 0, 0])
+        frame.set_cam_from_world(image.camera_id, pycolmap.Rigid3d(np.c_[turned, moved]))
+    repairs = repair(model, sightings, silent)
+    assert repairs.outliers == WRONG
+    assert sorted(repairs.placed_again) == WRONG
+    assert repairs.interpolated == [UNSEEN]
+    for camera in range(2):
+        for frame in range(COUNT):
+            pose = model.pose((camera, frame))
+            error = np.linalg.norm(centres_of(pose) - centres_of(POSES[camera, frame]))
+            assert error < (0.03 if (camera, frame) == UNSEEN else 0.005)
+
+    write_result(model, repairs, tmp_path)
+    with np.load(tmp_path / "result.npz") as result:
+        places = [tuple(place) for place in result["places"].tolist()]
+        assert places == [(camera, frame) for camera in range(2) for frame in range(COUNT)]
+        at = places.index(UNSEEN)
+        assert result["num_observations"][at] == 0
+        assert np.isfinite(result["centre_deviation"]).all()
+        assert result["centre_deviation"][at] > 2 * np.median(result["centre_deviation"])
+        assert result["interpolated"].tolist() == [list(UNSEEN)]
+        np.testing.assert_allclose(result["cam_from_world"][0], POSES[0, 0], atol=0.02)
+    written = pycolmap.Reconstruction(tmp_path / "model")
+    assert written.num_reg_images() == 2 * COUNT
