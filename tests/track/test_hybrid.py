@@ -41,6 +41,7 @@ def arm_error(world, pose) -> float:
     return float(vertex_errors(world, 2, pose)[vertices].mean())
 
 
+@pytest.mark.slow
 def test_detections_lead_the_search_to_a_lost_arm(world, tracked):
     elsewhere, hybrid = tracked(0), tracked(2)
     assert arm_error(world, elsewhere.pose) > 0.05
