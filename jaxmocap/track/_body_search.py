@@ -1,6 +1,7 @@
 """The search of a whole body: root, torso, then each limb; where it may be left out and where it is run again."""
 
 from collections import deque
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -59,10 +60,17 @@ class BodySearch:
         self.restraint = Restraint(plan.calm, len(self.groups)) if plan.calm is not None else None
 
     def __call__(
-        self, pose: Pose, problem: FrameProblem, frame: int, past: Past | None, clock: Clock, lost: bool = False
+        self,
+        pose: Pose,
+        problem: FrameProblem,
+        frame: int,
+        past: Past | None,
+        clock: Clock,
+        settle: Callable[[Pose], Pose],
+        lost: bool = False,
     ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
-        """The pose found from this start, and the deviation of the last particles. When the person was `lost`, root and
-        torso look further afield too."""
+        """The pose found from this start, and the deviation of the last particles. `settle` is what follows the search,
+        the refinement. When the person was `lost`, root and torso look further afield too."""
         start, deviation = pose, np.zeros(39)
         if lost and self.plan.reacquire > 0:
             with clock.stage("reacquire"):
@@ -74,7 +82,7 @@ class BodySearch:
                 deviation += found
         if self.plan.retry is not None:
             with clock.stage("search again"):
-                pose = self._again(self.plan.retry, start, pose, problem, frame)
+                pose = self._again(self.plan.retry, start, pose, problem, frame, settle)
         return pose, deviation
 
     def key_of(self, frame: int, number: int) -> PRNGKeyArray:
@@ -131,7 +139,15 @@ class BodySearch:
             seen = look_at(self.character, pose, problem)
             return self.restraint.search(speeds, mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
 
-    def _again(self, retry: Retry, start: Pose, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
+    def _again(
+        self,
+        retry: Retry,
+        start: Pose,
+        pose: Pose,
+        problem: FrameProblem,
+        frame: int,
+        settle: Callable[[Pose], Pose],
+    ) -> Pose:
         """Limbs that seem lost, searched in turn from where the frame's search began and from where it ended."""
         seen = look_at(self.character, pose, problem)
         doubtful = mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs) > retry.foreign
@@ -145,14 +161,33 @@ class BodySearch:
             starts = [with_limb(pose, start, self.groups[number].dofs), pose]
             found = [self.group(number, starts[i % 2], problem, None, key)[0] for i, key in enumerate(keys)]
             totals, _ = self.score(problem, [pose, *found])
-            margins = np.full(retry.tries, retry.margin)
-            if hidden[limb]:
-                shown = [self._shares(look_at(self.character, answer, problem))[limb] for answer in found]
-                margins[np.array(shown) >= retry.hidden] = -retry.slack
-            gains = totals[0] - totals[1:] - margins
-            pose = found[int(np.argmax(gains))] if gains.max() > 0 else pose
+            best = int(np.argmin(totals[1:]))
+            if totals[1 + best] < totals[0] - retry.margin:
+                pose = found[best]
+            elif hidden[limb]:
+                pose = self._shown(retry, int(limb), [pose, *found], totals, problem, settle)
         return pose
 
+    def _shown(
+        self,
+        retry: Retry,
+        limb: int,
+        poses: list[Pose],
+        totals: Float[np.ndarray, "pose"],
+        problem: FrameProblem,
+        settle: Callable[[Pose], Pose],
+    ) -> Pose:
+        """The best pose that shows a limb, where it explains more than the first, which hides it, once both settled."""
+        shown = np.array([self.shares(pose, problem)[limb] for pose in poses]) >= retry.hidden
+        best = int(np.argmin(np.where(shown, totals, np.inf)))
+        if not shown[best] or totals[best] > totals[0] + retry.slack:
+            return poses[0]
+        settled, _ = self.score(problem, [settle(poses[0]), settle(poses[best])])
+        return poses[best] if settled[1] < settled[0] else poses[0]
+
+    def shares(self, pose: Pose, problem: FrameProblem) -> Float[np.ndarray, "limb"]:
+        """How much of each limb's outer half a pose shows."""
+        return self._shares(look_at(self.character, pose, problem))
+
     def _shares(self, seen: Seen) -> Float[np.ndarray, "limb"]:
-        """How much of each limb's outer half is seen."""
         return seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over)

@@ -28,8 +28,9 @@ class Retry:
     Eq. 6 over its outer half is above `foreign`, or, all limbs, when more than `uncovered` of the person's pixels look
     foreign and are covered by nothing, and `unusual` times as many as in the median of the last frames: clothes that
     are wider than the mesh always stay uncovered. Of `tries` answers the best is taken when it lowers the energy by
-    `margin`. Behind the body a limb costs nothing, so one that is hidden gives way to an answer that is seen unless
-    that raises the energy by more than `slack`. The paper does not."""
+    `margin`. Behind the body a limb costs nothing, and one that is seen costs little only in its exact place: a hidden
+    limb also gives way to an answer that is seen and has more energy by less than `slack`, if it has less once both are
+    refined. The paper does not."""
 
     hidden: float = 0.5
     foreign: float = 0.48
@@ -37,7 +38,7 @@ class Retry:
     unusual: float = 1.5
     tries: int = 3
     margin: float = 0.005
-    slack: float = 0.001
+    slack: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Hindsight:
     frame, is searched again from there, backwards through at most `longest` frames; the answer counts where it lowers
     the energy by `margin`. A limb that is more than `stray` metres from halfway between the frames before and after,
     an acceleration above `jolt` metres per second squared, is searched again from halfway; the answer counts where it
-    strays half as far and raises the energy by less than `slack`. The paper only looks forwards."""
+    strays half as far, does not hide the limb (less than `hidden` of its outer half seen in any view, where more was),
+    and raises the energy by less than `slack`. The paper only looks forwards."""
 
     foreign: float = 0.45
     better: float = 0.15
@@ -54,6 +56,7 @@ class Hindsight:
     margin: float = 0.002
     stray: float = 0.15
     jolt: float = 200.0
+    hidden: float = 0.5
     slack: float = 0.004
 
 

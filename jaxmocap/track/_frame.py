@@ -157,8 +157,12 @@ class FrameTracker:
         with clock.stage("score"):
             pose = self._best_start(shown, problem, past, start)
         deviation, hessian = np.zeros(39), None
+
+        def refined(pose: Pose) -> Pose:
+            return pose if self.refinement is None else self.refinement(pose, shown, problem, rectangle, past)[0]
+
         if self.search is not None:
-            pose, deviation = self.search(pose, problem, shown.frame, past, clock, self.lost)
+            pose, deviation = self.search(pose, problem, shown.frame, past, clock, refined, self.lost)
         if self.tracker.polish is not None:
             with clock.stage("polish"):
                 pose, _, _ = polish(self.tracker.scored, self.character, pose, problem, self.tracker.polish)

@@ -62,7 +62,7 @@ def look_back(
         if run > 0:
             found, margin = _backwards(frames, poses, run, number, search, settings), settings.margin
         else:
-            found, margin = _straightened(frames, poses, number, search, settings), -settings.slack
+            found, margin = _straightened(frames, poses, limb, search, settings), -settings.slack
         for position in sorted(found):
             frame, answer = frames[position], found[position]
             answer = _refined(frames, position, answer, better, search.character.skeleton, refinement)
@@ -93,17 +93,22 @@ def _refined(
 
 
 def _straightened(
-    frames: Sequence[Tracked], poses: list[Pose], number: int, search: BodySearch, settings: Hindsight
+    frames: Sequence[Tracked], poses: list[Pose], limb: int, search: BodySearch, settings: Hindsight
 ) -> dict[int, Pose]:
-    """The last frame but one with a limb searched from halfway, if it strays there and then strays half as far."""
-    skeleton, dofs, position = search.character.skeleton, search.groups[number].dofs, len(frames) - 2
+    """The last frame but one with a limb searched from halfway, if it strays there, and then strays half as far and is
+    not hidden: behind the body it would cost nothing."""
+    number, position = search.limbs[limb], len(frames) - 2
+    skeleton, dofs = search.character.skeleton, search.groups[number].dofs
     earlier, here, later = poses[-3:]
     before, middle = stray(skeleton, earlier, here, later, dofs)
     if before < max(settings.stray, 0.5 * settings.jolt / search.fps**2):
         return {}
     frame = frames[position]
     answer, _ = search.group(number, middle, frame.problem, None, search.key_of(frame.shown.frame, 300 + number))
-    return {position: answer} if stray(skeleton, earlier, answer, later, dofs)[0] < 0.5 * before else {}
+    shares = [search.shares(pose, frame.problem)[limb] for pose in (here, answer)]
+    if shares[1] < min(shares[0], settings.hidden) or stray(skeleton, earlier, answer, later, dofs)[0] >= 0.5 * before:
+        return {}
+    return {position: answer}
 
 
 def _backwards(

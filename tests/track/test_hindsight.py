@@ -9,7 +9,7 @@ from perturbed import arm_away, vertex_errors
 from jaxmocap.character import difference, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.track import Effort, FrameTracker, Hindsight, SearchPlan, Tracker
-from jaxmocap.track._body_search import with_limb
+from jaxmocap.track._body_search import BodySearch, with_limb
 from jaxmocap.track._clock import Clock
 from jaxmocap.track._hindsight import doubtful_run, stray
 
@@ -94,6 +94,13 @@ def test_an_arm_that_left_its_way_for_a_frame_is_searched_from_halfway(world):
     assert vertex_errors(world, LOST, revised[0].pose).mean() < 0.01
     assert looked_back(world, poses, Hindsight(foreign=2.0, stray=9.0))[2] == []
     assert looked_back(world, poses, Hindsight(foreign=2.0, jolt=1e5))[2] == []
+
+
+def test_an_answer_that_hides_the_limb_does_not_count(world, monkeypatch):
+    poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
+    monkeypatch.setattr(BodySearch, "shares", lambda self, pose, problem: np.full(4, float(pose is poses[LOST])))
+    assert looked_back(world, poses, Hindsight(foreign=2.0))[2] == []
+    assert looked_back(world, poses, Hindsight(foreign=2.0, hidden=0.0))[2] != []
 
 
 def test_nothing_is_changed_where_nothing_is_doubtful(world):
