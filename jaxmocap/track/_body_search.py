@@ -23,6 +23,9 @@ from ._tracker import SearchPlan, sigma_floor
 REMEMBERED = 30
 """Frames that say how much of the person usually stays uncovered."""
 
+CLOSE = 2.0
+"""Times the spread that keep a search where a limb was last seen."""
+
 WIDE_TRUNK = 0.5
 """Share of far particles when the whole person is looked for."""
 
@@ -57,6 +60,7 @@ class BodySearch:
         self.bodies = [group_bodies(self.character, group.dofs) for group in self.groups]
         self.outer_bodies = outer_halves(self.character)
         self.left: deque[float] = deque(maxlen=REMEMBERED)
+        self.last_seen: list[Pose | None] = [None] * len(self.limbs)
         self.restraint = Restraint(plan.calm, len(self.groups)) if plan.calm is not None else None
 
     def __call__(
@@ -97,8 +101,10 @@ class BodySearch:
         past: Past | None,
         key: PRNGKeyArray,
         wide: float | None = None,
+        within: float = np.inf,
     ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
-        """Search one group; `wide` is the share of far particles, by default the plan's for a limb and else none."""
+        """Search one group; `wide` is the share of far particles, by default the plan's for a limb and else none, and
+        `within` how many times the spread they may go."""
         plan, group = self.plan, self.groups[number]
         limb = is_limb(group)
         wide = (plan.wide if limb else 0.0) if wide is None else wide
@@ -107,11 +113,14 @@ class BodySearch:
         share = 1.0 if limb else plan.trunk
         sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), share)
         spread = self.spread * plan.spread * pace * share
-        found = group(stages, sampler, self.character, pose, problem, spread, key, wide)
+        found = group(stages, sampler, self.character, pose, problem, spread, key, wide, within)
         return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
 
-    def learn(self, seen: Seen) -> None:
-        """Remember how well a frame's answer explains each group."""
+    def learn(self, seen: Seen, pose: Pose) -> None:
+        """Remember how well a frame's answer explains each group, and the limbs it shows."""
+        if self.plan.retry is not None:
+            shown = self._shares(seen) >= self.plan.retry.hidden
+            self.last_seen = [pose if s else last for s, last in zip(shown, self.last_seen, strict=True)]
         if self.restraint is not None:
             self.restraint.learn(mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
 
@@ -148,7 +157,8 @@ class BodySearch:
         frame: int,
         settle: Callable[[Pose], Pose],
     ) -> Pose:
-        """Limbs that seem lost, searched in turn from where the frame's search began and from where it ended."""
+        """Limbs that seem lost, searched in turn from where the frame's search began and from where it ended; hidden
+        ones also from where they were last seen."""
         seen = look_at(self.character, pose, problem)
         doubtful = mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs) > retry.foreign
         hidden = self._shares(seen) < retry.hidden
@@ -157,9 +167,17 @@ class BodySearch:
         doubtful |= hidden | (left > max(retry.uncovered, retry.unusual * usual))
         for limb in np.flatnonzero(doubtful):
             number = self.limbs[limb]
-            keys = jax.random.split(self.key_of(frame, 100 + number), retry.tries)
-            starts = [with_limb(pose, start, self.groups[number].dofs), pose]
-            found = [self.group(number, starts[i % 2], problem, None, key)[0] for i, key in enumerate(keys)]
+            dofs = self.groups[number].dofs
+            starts = [(with_limb(pose, start, dofs), pose)[i % 2] for i in range(retry.tries)]
+            within = [np.inf] * retry.tries
+            if hidden[limb] and (last := self.last_seen[limb]) is not None:
+                starts += [with_limb(pose, last, dofs)] * retry.tries
+                within += [(CLOSE, np.inf)[i % 2] for i in range(retry.tries)]
+            keys = jax.random.split(self.key_of(frame, 100 + number), len(starts))
+            found = [
+                self.group(number, begin, problem, None, key, within=reach)[0]
+                for begin, key, reach in zip(starts, keys, within, strict=True)
+            ]
             totals, _ = self.score(problem, [pose, *found])
             best = int(np.argmin(totals[1:]))
             if totals[1 + best] < totals[0] - retry.margin:
@@ -177,13 +195,16 @@ class BodySearch:
         problem: FrameProblem,
         settle: Callable[[Pose], Pose],
     ) -> Pose:
-        """The best pose that shows a limb, where it explains more than the first, which hides it, once both settled."""
+        """The best pose that shows a limb, where it explains as much as the first, which hides it, or does so once both
+        have settled."""
         shown = np.array([self.shares(pose, problem)[limb] for pose in poses]) >= retry.hidden
         best = int(np.argmin(np.where(shown, totals, np.inf)))
-        if not shown[best] or totals[best] > totals[0] + retry.slack:
+        if not shown[best] or totals[best] > totals[0] + retry.near:
             return poses[0]
+        if totals[best] <= totals[0] + retry.slack:
+            return poses[best]
         settled, _ = self.score(problem, [settle(poses[0]), settle(poses[best])])
-        return poses[best] if settled[1] < settled[0] else poses[0]
+        return poses[best] if settled[1] <= settled[0] + retry.slack else poses[0]
 
     def shares(self, pose: Pose, problem: FrameProblem) -> Float[np.ndarray, "limb"]:
         """How much of each limb's outer half a pose shows."""

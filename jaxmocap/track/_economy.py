@@ -27,10 +27,10 @@ class Retry:
     """A limb is searched again when less than `hidden` of its outer half is seen in any view, when the mean cost of
     Eq. 6 over its outer half is above `foreign`, or, all limbs, when more than `uncovered` of the person's pixels look
     foreign and are covered by nothing, and `unusual` times as many as in the median of the last frames: clothes that
-    are wider than the mesh always stay uncovered. Of `tries` answers the best is taken when it lowers the energy by
-    `margin`. Behind the body a limb costs nothing, and one that is seen costs little only in its exact place: a hidden
-    limb also gives way to an answer that is seen and has more energy by less than `slack`, if it has less once both are
-    refined. The paper does not."""
+    are wider than the mesh always stay uncovered. Of `tries` answers, twice as many for a hidden limb, the best is
+    taken when it lowers the energy by `margin`. Behind the body a limb costs nothing, and one that is seen costs little
+    only in its exact place: a hidden limb also gives way to an answer that is seen and raises the energy by less
+    than `slack`, or by less than `near` and less than `slack` once both are refined. The paper does not."""
 
     hidden: float = 0.5
     foreign: float = 0.48
@@ -38,7 +38,8 @@ class Retry:
     unusual: float = 1.5
     tries: int = 3
     margin: float = 0.005
-    slack: float = 0.01
+    slack: float = 0.001
+    near: float = 0.01
 
 
 @dataclass(frozen=True)

@@ -244,7 +244,7 @@ class FrameTracker:
             result = self._result(shown, problem, pose, past, seen, deviation, hessian, clock.seconds)
         self.lost = result.status == "lost"
         if self.search is not None:
-            self.search.learn(seen)
+            self.search.learn(seen, pose)
             tracked = Tracked(past, shown, problem, rectangle, pose, result.limb_costs)
             self.tracked.append((tracked, result))
         self.past = after(self.character.skeleton, past, shown, pose, self.tracker.angles)

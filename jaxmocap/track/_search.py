@@ -278,15 +278,18 @@ class GroupSearch:
         spread: Float[np.ndarray, "dof"],
         key: PRNGKeyArray,
         wide: float = 0.0,
+        within: float = np.inf,
     ) -> GroupResult:
         """Search the group around `pose`. A capacity that overflows is enlarged and the search run again.
 
-        `wide` is the share of the first particles that look further afield, see `wide_population`.
+        `wide` is the share of the first particles that look further afield, see `wide_population`. No particle goes
+        further than `within` times the spread.
         """
         skeleton = character.skeleton
         free = jnp.array(ROOT_REACH)
-        lower = jnp.concatenate([-free, skeleton.lower - pose.angles])
-        upper = jnp.concatenate([free, skeleton.upper - pose.angles])
+        farthest = within * np.asarray(spread, np.float32)
+        lower = jnp.maximum(jnp.concatenate([-free, skeleton.lower - pose.angles]), -farthest)
+        upper = jnp.minimum(jnp.concatenate([free, skeleton.upper - pose.angles]), farthest)
         cloud = np.zeros((2 * len(self.dofs) + 1, 39), np.float32)
         for row, dof in enumerate(self.dofs):
             reach = (1.7 if wide == 0 else 8.0) * spread[dof]

@@ -7,6 +7,7 @@ from perturbed import moved, vertex_errors
 
 from jaxmocap.energies import search_energy
 from jaxmocap.track import Effort, FrameTracker, Retry, SearchPlan, Tracker
+from jaxmocap.track._body_search import BodySearch
 from jaxmocap.track._economy import seen_shares
 from jaxmocap.track._score import look_at
 
@@ -15,15 +16,20 @@ BEHIND = {"l_shoulder_flex": -26, "l_shoulder_abd": -88, "l_shoulder_axial": 77,
 """Degrees that bring the left forearm where no camera sees it."""
 
 
-def searched_again(world, retry, usual=0.0, settle=lambda pose: pose):
+def body_search(world, retry):
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
     plan = SearchPlan((Effort(2, 12),), particles=64, wide=0.25, retry=retry)
-    search = FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).search
+    return FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).search
+
+
+def searched_again(world, retry, usual=0.0, last_seen=None):
+    search = body_search(world, retry)
     start, problem = moved(world, FRAME, **BEHIND), world.problem(FRAME)
     search.left.append(usual)
+    search.last_seen = [last_seen] * 4
     seen = look_at(world.character, start, problem)
     assert seen_shares(search.outer_bodies, world.character, search.face_bodies, seen.over)[0] < 0.2
-    return start, search._again(retry, start, start, problem, FRAME, settle)
+    return start, search._again(retry, start, start, problem, FRAME, lambda pose: pose)
 
 
 def test_an_arm_that_no_view_shows_is_found(world):
@@ -45,22 +51,42 @@ def test_it_stays_where_nothing_calls_for_it(world):
     np.testing.assert_array_equal(found.angles, start.angles)
 
 
-@pytest.mark.parametrize(("spoiled", "moves"), [(None, False), ("hidden", True), ("seen", False)])
-def test_what_follows_decides_between_a_hidden_limb_and_one_that_is_seen(world, spoiled, moves):
-    """No answer gains enough by itself; what settles both makes them equal, or one of them worse."""
-    retry, truth, wrong = Retry(margin=9.0, slack=9.0), world.pose(FRAME), moved(world, FRAME, l_hip_flex=40)
-    asked = []
+@pytest.mark.parametrize(
+    ("rise", "worse", "asks", "moves"),
+    [
+        (0.0005, None, False, True),
+        (0.005, "hidden", True, True),
+        (0.005, "seen", True, False),
+        (0.005, None, True, True),
+        (0.02, "hidden", False, False),
+    ],
+)
+def test_a_hidden_limb_gives_way_to_one_that_is_seen(world, rise, worse, asks, moves):
+    """By what it costs more; where that is not decided, by which of the two is worse once they have settled."""
+    hidden, shown, wrong = moved(world, FRAME, **BEHIND), world.pose(FRAME), moved(world, FRAME, l_hip_flex=40)
+    asked, totals = [], np.array([0.5, 0.5 + rise, 9.0])
 
     def settle(pose):
         asked.append(pose)
-        return wrong if spoiled == ("hidden", "seen")[len(asked) - 1] else truth
+        return wrong if worse == ("hidden", "seen")[len(asked) - 1] else shown
 
-    start, found = searched_again(world, retry, settle=settle)
-    assert len(asked) == 2
-    np.testing.assert_array_equal(asked[0].angles, start.angles)
-    assert bool(np.any(found.angles != start.angles)) == moves
+    retry, problem = Retry(), world.problem(FRAME)
+    taken = body_search(world, retry)._shown(retry, 0, [hidden, shown, shown], totals, problem, settle)
+    assert len(asked) == 2 * asks
+    assert taken is (shown if moves else hidden)
 
 
-def test_a_limb_that_is_seen_must_not_cost_too_much(world):
-    start, found = searched_again(world, Retry(margin=9.0, slack=-9.0))
-    np.testing.assert_array_equal(found.angles, start.angles)
+def test_a_hidden_limb_is_also_searched_from_where_it_was_last_seen(world, monkeypatch):
+    begun = []
+    monkeypatch.setattr(
+        BodySearch,
+        "group",
+        lambda self, number, pose, *rest, **more: (begun.append((number, pose)) or pose, np.zeros(39)),
+    )
+    before, arm = world.pose(FRAME - 1), np.array(world.character.skeleton.group("l_arm")) - 6
+    retry = Retry(foreign=2.0, uncovered=2.0, tries=2)
+    start, _ = searched_again(world, retry, last_seen=before)
+    assert len({number for number, _ in begun}) == 1
+    for (_, pose), expected in zip(begun, (start, start, before, before), strict=True):
+        np.testing.assert_allclose(pose.angles[arm], expected.angles[arm], atol=1e-6)
+        np.testing.assert_array_equal(np.delete(pose.angles, arm), np.delete(start.angles, arm))
