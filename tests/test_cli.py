@@ -147,7 +147,7 @@ def test_results_of_others_are_never_overwritten(film, result, tmp_path, capsys)
     [
         ("search.calm", "NAME=VALUE was expected"),
         ("search.clam=off", "there is no 'clam'"),
-        ("refine.rounds=few", "a whole number was expected"),
+        ("refine.rounds=few", "a whole number from 0 was expected"),
     ],
 )
 def test_settings_that_are_not_there_are_refused(setting, words, film, tmp_path, capsys):

@@ -165,7 +165,7 @@ class BodySearch:
         left, usual = unexplained(seen.ids, problem), np.median(self.left) if self.left else 0.0
         self.left.append(left)
         doubtful |= hidden | (left > max(retry.uncovered, retry.unusual * usual))
-        for limb in np.flatnonzero(doubtful):
+        for limb in np.flatnonzero(doubtful & (retry.tries > 0)):
             number = self.limbs[limb]
             dofs = self.groups[number].dofs
             starts = [(with_limb(pose, start, dofs), pose)[i % 2] for i in range(retry.tries)]

@@ -78,7 +78,7 @@ def _as_kind(kind: Any, value: Any) -> Any:
         if value in (True, False, "true", "false"):
             return value in (True, "true")
     elif kind is int:
-        if float(value) == int(float(value)) and not isinstance(value, bool):
+        if float(value) == int(float(value)) >= 0 and not isinstance(value, bool):
             return int(float(value))
     elif kind is float:
         return float(value)
@@ -100,4 +100,4 @@ def _described(kind: Any) -> str:
         return "a number"
     if is_dataclass(kind):
         return f"on (a {getattr(kind, '__name__', kind)})"
-    return {int: "a whole number", float: "a number", bool: "true or false", str: "text"}.get(kind, str(kind))
+    return {int: "a whole number from 0", float: "a number", bool: "true or false", str: "text"}.get(kind, str(kind))

@@ -46,8 +46,9 @@ def test_what_always_stays_uncovered_calls_for_nothing(world):
         assert bool(np.any(found.angles != start.angles)) == moves
 
 
-def test_it_stays_where_nothing_calls_for_it(world):
-    start, found = searched_again(world, Retry(hidden=0.0, foreign=2.0, uncovered=2.0))
+@pytest.mark.parametrize("retry", [Retry(hidden=0.0, foreign=2.0, uncovered=2.0), Retry(tries=0)])
+def test_it_stays_where_nothing_calls_for_it(world, retry):
+    start, found = searched_again(world, retry)
     np.testing.assert_array_equal(found.angles, start.angles)
 
 
