@@ -12,6 +12,7 @@ from ._calibrate import calibrate
 from ._check import check
 from ._demo import demo
 from ._evaluate import evaluate
+from ._export import export
 from ._fit_character import fit_character
 from ._register import register
 from ._segment import segment
@@ -31,6 +32,7 @@ _COMMANDS = {
     "register": register,
     "track": track,
     "evaluate": evaluate,
+    "export": export,
 }
 _DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
 

@@ -20,6 +20,9 @@ class RawSkin(NamedTuple):
     joint_parents: tuple[int, ...]  # nearest ancestor that is a joint, or -1
     joint_places: np.ndarray  # (J, 3) in the rest pose of the mesh
     extras: dict[str, Any]
+    joint_nodes: tuple[int, ...]  # numbers of the joints among the file's nodes
+    place: np.ndarray  # (4, 4) metres from the mesh's space
+    inverse_binds: np.ndarray  # (J, 4, 4) a joint's space from the mesh's, in the rest pose
 
 
 def read_skin(document: Document) -> RawSkin:
@@ -61,6 +64,9 @@ def read_skin(document: Document) -> RawSkin:
         joint_parents=tuple(_joint_parent(node, parents, order) for node in skin.joints),
         joint_places=joint_places,
         extras=skin.extras or {},
+        joint_nodes=tuple(skin.joints),
+        place=place,
+        inverse_binds=inverse_binds,
     )
 
 
