@@ -16,7 +16,10 @@ def export(
     result: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR", help="Folder that track wrote.")],
     to: Annotated[
         tuple[Path, ...],
-        tyro.conf.arg(metavar="FILE ...", help="New files, each in the format of its suffix: .glb."),
+        tyro.conf.arg(
+            metavar="FILE ...",
+            help="New files, each in the format of its suffix: .glb .bvh .c3d .trc .mot .csv .parquet .colmap.",
+        ),
     ],
     units: Annotated[
         Literal["m", "cm", "mm"] | None,

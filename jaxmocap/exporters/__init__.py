@@ -5,12 +5,24 @@ from pathlib import Path
 
 from jaxmocap.motion import Motion
 
+from ._bvh import write_bvh as write_bvh
+from ._c3d import write_c3d as write_c3d
+from ._colmap import write_colmap as write_colmap
 from ._export import checked_exporter as checked_exporter, export_motion as export_motion
 from ._exporter import Exporter as Exporter, ExportForm as ExportForm, Units as Units, Up as Up
 from ._glb import write_glb as write_glb
+from ._opensim import write_mot as write_mot, write_trc as write_trc
+from ._tables import write_csv as write_csv, write_parquet as write_parquet
 
 EXPORTERS: dict[str, Exporter] = {
     ".glb": Exporter(write_glb, units="m", up="y", fixed=True),
+    ".bvh": Exporter(write_bvh, units="m", up="y", even=True),
+    ".c3d": Exporter(write_c3d, units="mm", even=True),
+    ".trc": Exporter(write_trc, units="mm", up="y", even=True),
+    ".mot": Exporter(write_mot, units="m", up="y", fixed=True),
+    ".csv": Exporter(write_csv),
+    ".parquet": Exporter(write_parquet),
+    ".colmap": Exporter(write_colmap, resamples=False, folder=True),
 }
 """By the suffix of the file."""
 

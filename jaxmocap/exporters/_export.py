@@ -36,8 +36,8 @@ def export_motion(
     if frame_rate is not None and frame_rate != rate:
         motion = resampled(motion, frame_rate)
     elif rate is None and exporter.even:
-        rate = round(1 / float(np.mean(np.diff(motion.timestamps))), 3)
-        form.say(f"{path}: the time between frames varies, so poses are interpolated to {rate:g} frames per second.")
+        rate = 1 / float(np.mean(np.diff(motion.timestamps)))
+        form.say(f"{path}: the time between frames varies, so poses are interpolated to {rate:.2f} frames per second.")
         motion = resampled(motion, rate)
     form = replace(form, frame_rate=frame_rate or rate)
     try:
@@ -72,9 +72,7 @@ def checked_exporter(
     given = [("units", units, exporter.units), ("up", up, exporter.up)]
     for name, value, own in given:
         if exporter.fixed and value not in (None, own):
-            raise InputError(
-                f"{path}: {path.suffix} files are defined with {name} = {own}; leave {name} out, not {value}."
-            )
+            raise InputError(f"{path}: {path.suffix} files have {name} = {own} by definition; leave {name} out.")
     if frame_rate is not None and not exporter.resamples:
         raise InputError(f"{path} has a camera for every frame of the videos; leave the frame rate out.")
     return exporter

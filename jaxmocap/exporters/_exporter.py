@@ -19,9 +19,9 @@ def _silent(sentence: str) -> None:
 
 @dataclass(frozen=True)
 class ExportForm:
-    """How the file `name` is to be: lengths in `units`, the vertical axis `up`, `frame_rate` frames per second (None where the
-    time between frames varies). `actor` is the character's own file, where one is named; `say` is told what the
-    user should know."""
+    """How the file `name` is to be: lengths in `units`, the vertical axis `up`, `frame_rate` frames per second (None
+    where the time between frames varies). `actor` is the character's own file, where one is named; `say` is told
+    what the user should know."""
 
     name: str
     units: Units = "m"

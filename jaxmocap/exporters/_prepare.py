@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from jaxmocap.camera import Cameras
-from jaxmocap.character import Pose, ball_joints, twin_angles
+from jaxmocap.character import Pose, angles_at_rest, ball_joints, twin_angles
 from jaxmocap.motion import STATUSES, Motion
 
 _Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
@@ -47,6 +47,12 @@ def continuous(motion: Motion) -> Motion:
             nearer = np.abs(other - before).sum() < np.abs(same - before).sum()
             angles[frame, place] = other if nearer else same
     return replace(motion, angles=np.unwrap(angles, axis=0))
+
+
+def neutral_angles(motion: Motion) -> Float[np.ndarray, "frame 33"]:
+    """Joint angles measured from the neutral body of the table of degrees of freedom, radians: the same for two actors
+    in the same posture, whatever pose their meshes rest in."""
+    return motion.angles + angles_at_rest(motion.character.skeleton)
 
 
 def frame_rate_of(motion: Motion) -> float | None:
