@@ -25,6 +25,7 @@ from ._kinematics import (
     landmark_positions as landmark_positions,
     skin as skin,
 )
+from ._nodes import local_matrix as local_matrix, parents_first as parents_first, parents_of as parents_of
 from ._pose import (
     Pose as Pose,
     clamp as clamp,

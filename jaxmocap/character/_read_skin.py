@@ -3,9 +3,9 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ._gltf import Document
+from ._nodes import local_matrix
 
 _MOST_JOINTS = 1000
 
@@ -151,19 +151,9 @@ def _hierarchy(document: Document) -> tuple[list[int], np.ndarray]:
             node = parents[node]
         world = np.eye(4)
         for node in reversed(path):
-            world = world @ _local(nodes[node])
+            world = world @ local_matrix(document.content["nodes"][node])
         worlds[number] = world
     return parents, worlds
-
-
-def _local(node: Any) -> np.ndarray:
-    if node.matrix:
-        return np.array(node.matrix, dtype=np.float64).reshape(4, 4).T
-    matrix = np.eye(4)
-    rotation = node.rotation if node.rotation is not None and np.any(node.rotation) else [0, 0, 0, 1]
-    matrix[:3, :3] = Rotation.from_quat(rotation).as_matrix() * np.array(node.scale or [1, 1, 1])
-    matrix[:3, 3] = node.translation or [0, 0, 0]
-    return matrix
 
 
 def _displayed(joint_worlds: np.ndarray, inverse_binds: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmocap._results import InputError
-from jaxmocap.character import Character, Document, Rig, read_rig
+from jaxmocap.character import Character, Document, Rig, local_matrix, parents_first, parents_of, read_rig
 from jaxmocap.motion import Motion
 
 from ._exporter import ExportForm
@@ -92,32 +92,3 @@ def _posed(document: Document, motion: Motion, own: bool) -> ActorRig | None:
 def _joint_worlds(motion: Motion, rig: Rig) -> Float[np.ndarray, "frame joint 4 4"]:
     bodies = motion.body_transforms.astype(np.float64)
     return bodies[:, list(rig.bodies)] @ rig.rest_from_joint
-
-
-def parents_of(nodes: list[dict]) -> list[int]:
-    """The number of each node's parent, or -1."""
-    parents = [-1] * len(nodes)
-    for number, node in enumerate(nodes):
-        for child in node.get("children", []):
-            parents[child] = number
-    return parents
-
-
-def parents_first(parents: list[int]) -> list[int]:
-    """All nodes, in an order in which parents precede children."""
-    order = [node for node, parent in enumerate(parents) if parent < 0]
-    for node in order:
-        order.extend(child for child, parent in enumerate(parents) if parent == node)
-    return order
-
-
-def local_matrix(node: dict) -> Float[np.ndarray, "4 4"]:
-    """The transform of a node in its parent."""
-    from scipy.spatial.transform import Rotation
-
-    if "matrix" in node:
-        return np.array(node["matrix"], np.float64).reshape(4, 4).T
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_quat(node.get("rotation", [0, 0, 0, 1])).as_matrix() * node.get("scale", [1, 1, 1])
-    matrix[:3, 3] = node.get("translation", [0, 0, 0])
-    return matrix

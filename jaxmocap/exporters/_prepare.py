@@ -1,16 +1,13 @@
-"""A motion as a format wants it: upright along another axis, at another frame rate, without jumping angles."""
+"""A motion as a format wants it: upright along another axis, by angles from the neutral body, at a frame rate."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation, Slerp
 
-from jaxmocap.camera import Cameras
-from jaxmocap.character import Pose, angles_at_rest, ball_joints, twin_angles
-from jaxmocap.motion import STATUSES, Motion
+from jaxmocap.character import angles_at_rest
+from jaxmocap.motion import Motion, at_times
 
 _Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _EVEN = 0.01
@@ -35,20 +32,6 @@ def turned(motion: Motion, up: str) -> Motion:
     )
 
 
-def continuous(motion: Motion) -> Motion:
-    """The same poses by angles that do not jump: a ball joint's other set of angles, or whole turns, where those are
-    nearer to the frame before."""
-    angles = motion.angles.astype(np.float64)
-    for place, twice in ball_joints(motion.character.skeleton):
-        for frame in range(1, len(angles)):
-            before, now = angles[frame - 1, place], angles[frame, place]
-            same = now - 2 * np.pi * np.round((now - before) / (2 * np.pi))
-            other = twin_angles(same, twice, before, before)
-            nearer = np.abs(other - before).sum() < np.abs(same - before).sum()
-            angles[frame, place] = other if nearer else same
-    return replace(motion, angles=np.unwrap(angles, axis=0))
-
-
 def neutral_angles(motion: Motion) -> Float[np.ndarray, "frame 33"]:
     """Joint angles measured from the neutral body of the table of degrees of freedom, radians: the same for two actors
     in the same posture, whatever pose their meshes rest in."""
@@ -65,56 +48,9 @@ def frame_rate_of(motion: Motion) -> float | None:
 
 
 def resampled(motion: Motion, frame_rate: float) -> Motion:
-    """The motion at even times from its first timestamp on, interpolated between frames; frames count from 0.
-
-    The pelvis and the centres of the cameras move straight, rotations about one axis, and joint angles, which must
-    not jump, evenly. A status is the worse of the two frames' between which it lies.
-    """
+    """The motion at even times from its first timestamp on, interpolated; frames count from 0."""
     if len(motion) == 1:
         return motion
     begin, end = motion.timestamps[[0, -1]]
     times = begin + np.arange(int(np.floor((end - begin) * frame_rate + 1e-6)) + 1) / frame_rate
-    times = np.minimum(times, end)
-    after = np.clip(np.searchsorted(motion.timestamps, times, side="right"), 1, len(motion) - 1)
-    share = (times - motion.timestamps[after - 1]) / (motion.timestamps[after] - motion.timestamps[after - 1])
-
-    def between(values: np.ndarray) -> np.ndarray:
-        part = share.reshape(-1, *[1] * (values.ndim - 1))
-        return (1 - part) * values[after - 1] + part * values[after]
-
-    pelvis = np.asarray(motion.character.skeleton.pelvis, np.float64)
-    root = motion.root.astype(np.float64)
-    moved = _slerp(motion.timestamps, root[:, :3, :3], times)
-    placed = np.tile(np.eye(4), (len(times), 1, 1))
-    placed[:, :3, :3] = moved
-    placed[:, :3, 3] = between(root[:, :3, :3] @ pelvis + root[:, :3, 3]) - moved @ pelvis
-    rank = np.array([STATUSES.index(status) for status in motion.status])
-    worse = np.maximum(np.where(share < 1, rank[after - 1], 0), np.where(share > 0, rank[after], 0))
-    return Motion.from_poses(
-        motion.character,
-        Pose(jnp.asarray(placed, jnp.float32), jnp.asarray(between(motion.angles), jnp.float32)),
-        np.arange(len(times)),
-        times,
-        confidence=between(motion.confidence),
-        status=np.array(STATUSES)[worse],
-        provenance=motion.provenance,
-        cameras=None if motion.cameras is None else _cameras_between(motion.cameras, motion.timestamps, times, between),
-        up=motion.up,
-    )
-
-
-def _cameras_between(cameras: Cameras, timestamps: np.ndarray, times: np.ndarray, between: Callable) -> Cameras:
-    poses = np.asarray(cameras.cam_from_world, np.float64)
-    centres = np.asarray(cameras.centres(), np.float64)
-    moved = np.tile(np.eye(4), (len(poses), len(times), 1, 1))
-    for camera, pose in enumerate(poses):
-        moved[camera, :, :3, :3] = _slerp(timestamps, pose[:, :3, :3], times)
-        centre = between(centres[camera])
-        moved[camera, :, :3, 3] = -np.einsum("tij,tj->ti", moved[camera, :, :3, :3], centre)
-    return replace(cameras, cam_from_world=jnp.asarray(moved, jnp.float32))
-
-
-def _slerp(
-    timestamps: Float[np.ndarray, " frame"], matrices: Float[np.ndarray, "frame 3 3"], times: Float[np.ndarray, " time"]
-) -> Float[np.ndarray, "time 3 3"]:
-    return Slerp(timestamps, Rotation.from_matrix(matrices))(times).as_matrix()
+    return at_times(motion, np.minimum(times, end))

@@ -15,7 +15,13 @@ from io_anim_bvh import import_bvh
 # The importers of Blender 3.4 expect an older NumPy and an older Python than Debian 12 runs them with.
 if "bool" not in vars(numpy):
     numpy.bool = bool
-import_bvh.open = lambda file, mode="r", **options: builtins.open(file, mode.replace("U", ""), **options)
+
+
+def open_as_before(file, mode="r", **options):
+    return builtins.open(file, mode.replace("U", ""), **options)
+
+
+import_bvh.open = open_as_before
 
 path, rate, seconds, out = sys.argv[sys.argv.index("--") + 1 :]
 bpy.ops.wm.read_factory_settings(use_empty=True)
