@@ -8,10 +8,10 @@ import numpy as np
 
 from jaxmocap._atomic import atomic_folder, atomic_path
 from jaxmocap._results import InputError
-from jaxmocap.motion import Motion, continuous
+from jaxmocap.motion import Motion, continuous, turned
 
 from ._exporter import UNITS, Exporter, ExportForm, Units, Up
-from ._prepare import frame_rate_of, resampled, turned
+from ._prepare import frame_rate_of, resampled
 
 
 def export_motion(

@@ -1,35 +1,13 @@
-"""A motion as a format wants it: upright along another axis, by angles from the neutral body, at a frame rate."""
+"""A motion as a format wants it: by angles from the neutral body, at a frame rate."""
 
-from dataclasses import replace
-
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from jaxmocap.character import angles_at_rest
 from jaxmocap.motion import Motion, at_times
 
-_Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _EVEN = 0.01
 """Share of the time between two frames by which each may be off an even grid."""
-
-
-def turned(motion: Motion, up: str) -> Motion:
-    """The same motion in a world whose vertical axis is `up`; x stays."""
-    if up == motion.up:
-        return motion
-    turn = np.eye(4)
-    turn[:3, :3] = _Y_FROM_Z if up == "y" else _Y_FROM_Z.T
-    cameras = motion.cameras
-    if cameras is not None:
-        cameras = replace(cameras, cam_from_world=jnp.asarray(np.asarray(cameras.cam_from_world, float) @ turn.T))
-    return replace(
-        motion,
-        root=turn @ motion.root,
-        joints=motion.joints @ turn[:3, :3].T,
-        cameras=cameras,
-        up=up,
-    )
 
 
 def neutral_angles(motion: Motion) -> Float[np.ndarray, "frame 33"]:

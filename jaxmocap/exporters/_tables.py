@@ -9,11 +9,11 @@ import numpy as np
 
 from jaxmocap._atomic import write_text
 from jaxmocap._results import InputError
-from jaxmocap.motion import Motion
+from jaxmocap.motion import Motion, turned
 
 from ._euler import euler_angles
 from ._exporter import ExportForm
-from ._prepare import neutral_angles, turned
+from ._prepare import neutral_angles
 
 
 def write_csv(motion: Motion, path: Path, form: ExportForm) -> None:

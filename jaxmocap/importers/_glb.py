@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
+from jaxmocap._results import InputError
 from jaxmocap.character import Document, RawSkin, local_matrix, parents_first, parents_of, read_rig, rig_of
 
 from ._clip import JointClip
@@ -16,6 +17,15 @@ from ._clip import JointClip
 def read_glb(path: Path, mapping: str | Path | Mapping[str, str] | None, clip: str | None) -> JointClip:
     """The clip called `clip`, or the first one, at the times of all its keys."""
     document = Document(path)
+    try:
+        return _read(document, mapping, clip)
+    except InputError:
+        raise
+    except (TypeError, ValueError, AttributeError, IndexError, KeyError, OverflowError, np.linalg.LinAlgError) as error:
+        document.fail(f"is not well-formed glTF ({type(error).__name__}: {error}); export it again")
+
+
+def _read(document: Document, mapping: str | Path | Mapping[str, str] | None, clip: str | None) -> JointClip:
     nodes = document.content.get("nodes", [])
     parents = parents_of(nodes)
     if document.content.get("skins"):

@@ -16,6 +16,8 @@ _METRES, _RADIANS, _PULL = 0.01, 0.3, 100.0
 """What counts as one: of a bone's end, of a body's rotation, and of the distance to the start, which only decides what
 the clip leaves open."""
 _RIGHT_ANGLE = 1e-3
+_CHUNK = 16
+"""Frames solved by one call, so that clips of all lengths share a program."""
 
 
 class Targets(NamedTuple):
@@ -37,13 +39,13 @@ def joint_angles(
     index = [[skeleton.landmark_names.index(name) for name in bone] for bone in targets.bones]
     rows = jnp.asarray(np.array(index, np.uint32).reshape(-1, 2))
     bodies = jnp.asarray(np.flatnonzero(known).astype(np.uint32))
-    wanted = (
-        jnp.asarray(root, jnp.float32),
-        jnp.asarray(start, jnp.float32),
-        jnp.asarray(targets.rotations[:, known], jnp.float32),
-        jnp.asarray(targets.vectors, jnp.float32),
-    )
-    return np.asarray(_solve(skeleton, rows, bodies, wanted))
+    wanted = (root, start, targets.rotations[:, known], targets.vectors)
+    found = []
+    for begin in range(0, len(root), _CHUNK):
+        frames = np.minimum(np.arange(begin, begin + _CHUNK), len(root) - 1)
+        chunk = tuple(jnp.asarray(values[frames], jnp.float32) for values in wanted)
+        found.append(np.asarray(_solve(skeleton, rows, bodies, chunk)))
+    return np.concatenate(found)[: len(root)]
 
 
 @jax.jit
