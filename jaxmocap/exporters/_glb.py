@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from jaxmocap.character import Document, GlbBuffer, glb_bytes
 from jaxmocap.motion import Motion
 
-from ._actor_rig import ActorRig, actor_rig
+from ._actor_rig import actor_rig
 from ._exporter import ExportForm
 
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
@@ -31,10 +31,10 @@ def write_glb(motion: Motion, path: Path, form: ExportForm) -> None:
     content = copy.deepcopy(rig.document.content)
     buffer = GlbBuffer(content, _merged(rig.document, content))
     clip = _Clip(buffer, motion.timestamps)
-    for node in rig.joints:
-        _bare(content["nodes"][node], rig, node)
-        clip.rotate(node, rig.rotations[:, node])
-        clip.move(node, content["nodes"][node], rig.translations[:, node])
+    for joint, node in enumerate(rig.joints):
+        _bare(content["nodes"][node], rig.scales[joint])
+        clip.rotate(node, rig.rotations[:, joint])
+        clip.move(node, content["nodes"][node], rig.translations[:, joint])
     _add_cameras(content, clip, motion)
     note = {
         "units": "m",
@@ -44,6 +44,7 @@ def write_glb(motion: Motion, path: Path, form: ExportForm) -> None:
         "frames": motion.frames.tolist(),
         "status": motion.status.tolist(),
         "rig": "the actor's own" if rig.own else "jaxmocap",
+        "mesh_off_by": rig.off,
     }
     name = str(motion.provenance.get("capture_name") or motion.character.name)
     content["animations"] = [{"name": name, **clip.tables(), "extras": {"jaxmocap": note}}]
@@ -83,7 +84,7 @@ def quaternions(matrices: Float[np.ndarray, "frame 3 3"]) -> Float[np.ndarray, "
     return found * np.concatenate([[1.0], np.cumprod(np.where(turns, -1.0, 1.0))])[:, None]
 
 
-def _bare(node: dict[str, Any], rig: ActorRig, number: int) -> None:
+def _bare(node: dict[str, Any], scales: Float[np.ndarray, "3"]) -> None:
     """A joint in separate translation, rotation and scale, as animated nodes must be; the pose it rests in stays."""
     if "matrix" in node:
         matrix = np.array(node.pop("matrix"), np.float64).reshape(4, 4).T
@@ -91,8 +92,8 @@ def _bare(node: dict[str, Any], rig: ActorRig, number: int) -> None:
         node["translation"] = matrix[:3, 3].tolist()
         node["rotation"] = Rotation.from_matrix(matrix[:3, :3] / scale).as_quat().tolist()
         node["scale"] = scale.tolist()
-    if np.abs(rig.scales[number] / np.array(node.get("scale", [1.0, 1.0, 1.0])) - 1).max() > 1e-5:
-        node["scale"] = rig.scales[number].tolist()
+    if np.abs(scales / np.array(node.get("scale", [1.0, 1.0, 1.0])) - 1).max() > 1e-5:
+        node["scale"] = scales.tolist()
 
 
 def _add_cameras(content: dict[str, Any], clip: _Clip, motion: Motion) -> None:

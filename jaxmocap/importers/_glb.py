@@ -46,6 +46,7 @@ def _read(document: Document, mapping: str | Path | Mapping[str, str] | None, cl
         document.fail("has an animation whose times do not increase; the file is damaged")
     moved: dict[int, dict[str, np.ndarray]] = {}
     for channel in channels:
+        document.item("nodes", channel["target"]["node"])
         target, sampler = channel["target"], samplers[channel["sampler"]]
         keys, values = inputs[channel["sampler"]], document.array(sampler["output"]).astype(float)
         kind = sampler.get("interpolation", "LINEAR")

@@ -5,13 +5,15 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from humanoid_glb import MIXAMO, Humanoid, unpack
+from humanoid_glb import MIXAMO, Humanoid, unpack, write_glb
 from posed_glb import PosedGlb
+from scipy.spatial import cKDTree
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import project
 from jaxmocap.character import Character
 from jaxmocap.exporters import export
+from jaxmocap.motion import Motion
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +71,7 @@ def test_quaternions_never_change_sign_on_the_way(opened):
 def test_the_file_says_how_it_is_to_be_read(opened, motion):
     note = opened.animation.extras["jaxmocap"]
     assert (note["units"], note["up"], note["frame_rate"], note["rig"]) == ("m", "+y", None, "the actor's own")
+    assert note["mesh_off_by"] < 1e-6
     assert note["start"] == motion.timestamps[0]
     assert note["frames"] == motion.frames.tolist()
 
@@ -85,9 +88,28 @@ def test_a_rig_that_is_gone_gives_way_to_our_own_joints(motion, tmp_path):
     lost = replace(motion, provenance={"actor": str(tmp_path / "gone.glb")})
     opened = PosedGlb(export(lost, tmp_path / "own.glb", say=said.append)).at(motion.timestamps[4])
     assert "gone.glb is not there" in said[0]
+    assert opened.animation.extras["jaxmocap"]["rig"] == "jaxmocap"
     np.testing.assert_allclose(opened.vertices, motion.vertices(4), atol=1e-4)
     expected = motion.joints[4, motion.joint_names.index("l_elbow")]
     np.testing.assert_allclose(opened.place("l_forearm"), expected, atol=1e-4)
+
+
+def test_a_rig_with_one_joint_in_its_trunk_is_kept_and_the_difference_said(motion, tmp_path):
+    body = Humanoid(drop=("spine1", "spine2"))
+    names = body.renamed(MIXAMO)
+    path = write_glb(tmp_path / "stiff.glb", names, body.parents, body.places, body.vertices, body.faces, body.weights)
+    character, said = Character.load(path), []
+    stiff = Motion.from_poses(character, motion.poses, motion.frames, motion.timestamps, provenance={"actor": path})
+    opened = PosedGlb(export(stiff, tmp_path / "out.glb", say=said.append))
+    off = opened.animation.extras["jaxmocap"]["mesh_off_by"]
+    assert f"its mesh is off by up to {100 * off:.1f} cm" in said[0]
+    furthest = 0.0
+    for frame in range(len(stiff)):
+        opened.at(stiff.timestamps[frame])
+        expected = stiff.vertices(frame)[cKDTree(character.vertices).query(body.vertices)[1]]
+        furthest = max(furthest, float(np.linalg.norm(opened.vertices - expected, axis=1).max()))
+    assert furthest == pytest.approx(off, abs=1e-4)
+    assert 0.001 < off < 0.1
 
 
 def test_another_character_s_file_is_refused_where_it_is_asked_for(motion, tmp_path):
