@@ -18,7 +18,7 @@ def export(
         tuple[Path, ...],
         tyro.conf.arg(
             metavar="FILE ...",
-            help="New files, each in the format of its suffix: .glb .bvh .c3d .trc .mot .csv .parquet .colmap.",
+            help="New files, each in the format of its suffix: .glb .bvh .c3d .trc .mot .csv .parquet .usd .colmap.",
         ),
     ],
     units: Annotated[

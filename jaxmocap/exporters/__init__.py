@@ -13,6 +13,7 @@ from ._exporter import Exporter as Exporter, ExportForm as ExportForm, Units as 
 from ._glb import write_glb as write_glb
 from ._opensim import write_mot as write_mot, write_trc as write_trc
 from ._tables import write_csv as write_csv, write_parquet as write_parquet
+from ._usd import write_usd as write_usd
 
 EXPORTERS: dict[str, Exporter] = {
     ".glb": Exporter(write_glb, units="m", up="y", fixed=True),
@@ -22,6 +23,9 @@ EXPORTERS: dict[str, Exporter] = {
     ".mot": Exporter(write_mot, units="m", up="y", fixed=True),
     ".csv": Exporter(write_csv),
     ".parquet": Exporter(write_parquet),
+    ".usd": Exporter(write_usd),
+    ".usda": Exporter(write_usd),
+    ".usdc": Exporter(write_usd),
     ".colmap": Exporter(write_colmap, resamples=False, folder=True),
 }
 """By the suffix of the file."""

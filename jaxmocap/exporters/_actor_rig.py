@@ -111,7 +111,7 @@ def _posed(document: Document, motion: Motion, own: bool) -> ActorRig | None:
 
 
 def _difference(raw: RawSkin, rig: Rig, motion: Motion) -> float:
-    """How far vertices of the file, moved by its own joints, lie from the tracked ones at most, metres, in a few frames.
+    """How far vertices of the file, moved by its own joints, lie from the tracked ones at most, metres, in some frames.
     More than rounding only where one joint of the file stands for two of ours, as in a trunk with one joint."""
     character = motion.character
     rest = raw.vertices @ rig.rest_from_file.T

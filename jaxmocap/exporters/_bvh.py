@@ -10,9 +10,8 @@ from jaxmocap.motion import Motion
 
 from ._euler import best_order, euler_angles
 from ._exporter import ExportForm
+from ._prepare import UPRIGHT
 
-_UPRIGHT = {"y": np.eye(3), "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
-"""From the rest frame to a file's: all joints at zero stand upright in it."""
 _SHORTEST_TIP = 0.05
 
 
@@ -23,7 +22,7 @@ def write_bvh(motion: Motion, path: Path, form: ExportForm) -> None:
 
     The format has no place for units and axes: lengths and the vertical axis are those that were asked for.
     """
-    upright = _UPRIGHT[form.up]
+    upright = UPRIGHT[form.up]
     bodies = motion.body_transforms.astype(np.float64)
     rotations = bodies[:, :, :3, :3] @ upright.T
     skeleton = motion.character.skeleton

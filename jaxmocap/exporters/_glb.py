@@ -14,8 +14,8 @@ from jaxmocap.motion import Motion
 from ._actor_rig import actor_rig
 from ._exporter import ExportForm
 
-_GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
-"""A glTF camera looks along -z with y up; ours along z with y down."""
+GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
+"""A glTF or USD camera looks along -z with y up; ours along z with y down."""
 _NEAR, _FAR = 0.01, 1000.0
 _STILL = 1e-6
 
@@ -120,7 +120,7 @@ def _add_cameras(content: dict[str, Any], clip: _Clip, motion: Motion) -> None:
             "principal_point_off_centre": [float(k[0, 2] - width / 2), float(k[1, 2] - height / 2)],
             "distortion_of_recording": distortion.tolist(),
         }
-        rotations = world_from_cam[index, :, :3, :3] @ _GL_FROM_CV
+        rotations = world_from_cam[index, :, :3, :3] @ GL_FROM_CV
         places = world_from_cam[index, :, :3, 3]
         node = {"name": name, "translation": places[0].tolist(), "rotation": quaternions(rotations[:1])[0].tolist()}
         scene.setdefault("nodes", []).append(len(nodes))

@@ -6,6 +6,8 @@ from jaxtyping import Float
 from jaxmocap.character import angles_at_rest
 from jaxmocap.motion import Motion, at_times
 
+UPRIGHT = {"y": np.eye(3), "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
+"""From the rest frame to a file's: all joints at zero stand upright in it."""
 _EVEN = 0.01
 """Share of the time between two frames by which each may be off an even grid."""
 

@@ -14,18 +14,18 @@ from jaxmocap.character import Document, RawSkin, local_matrix, parents_first, p
 from ._clip import JointClip
 
 
-def read_glb(path: Path, mapping: str | Path | Mapping[str, str] | None, clip: str | None) -> JointClip:
-    """The clip called `clip`, or the first one, at the times of all its keys."""
+def read_glb(path: Path, mapping: str | Path | Mapping[str, str] | None, animation: str | None) -> JointClip:
+    """The animation of this name, or the first one, at the times of all its keys."""
     document = Document(path)
     try:
-        return _read(document, mapping, clip)
+        return _read(document, mapping, animation)
     except InputError:
         raise
     except (TypeError, ValueError, AttributeError, IndexError, KeyError, OverflowError, np.linalg.LinAlgError) as error:
         document.fail(f"is not well-formed glTF ({type(error).__name__}: {error}); export it again")
 
 
-def _read(document: Document, mapping: str | Path | Mapping[str, str] | None, clip: str | None) -> JointClip:
+def _read(document: Document, mapping: str | Path | Mapping[str, str] | None, animation: str | None) -> JointClip:
     nodes = document.content.get("nodes", [])
     parents = parents_of(nodes)
     if document.content.get("skins"):
@@ -34,9 +34,9 @@ def _read(document: Document, mapping: str | Path | Mapping[str, str] | None, cl
         still = _worlds([local_matrix(node)[None] for node in nodes], parents)[0]
         raw = _bare(nodes, parents, still)
         rig = rig_of(document, raw, still, mapping)
-    animation = _chosen(document, clip)
-    samplers = animation["samplers"]
-    channels = [c for c in animation["channels"] if c["target"].get("path") in ("translation", "rotation", "scale")]
+    chosen = _chosen(document, animation)
+    samplers = chosen["samplers"]
+    channels = [c for c in chosen["channels"] if c["target"].get("path") in ("translation", "rotation", "scale")]
     channels = [c for c in channels if c["target"].get("node") is not None]
     inputs = {c["sampler"]: document.array(samplers[c["sampler"]]["input"])[:, 0].astype(float) for c in channels}
     if not inputs:
@@ -59,14 +59,14 @@ def _read(document: Document, mapping: str | Path | Mapping[str, str] | None, cl
     return JointClip(rig, worlds, times, "y")
 
 
-def _chosen(document: Document, clip: str | None) -> dict[str, Any]:
+def _chosen(document: Document, name: str | None) -> dict[str, Any]:
     animations = document.content.get("animations", [])
     if not animations:
         document.fail("holds no animation; export it again with its clip")
     names = [str(animation.get("name", "")) for animation in animations]
-    if clip is not None and clip not in names:
-        document.fail(f"has no clip named {clip!r}; its clips are {', '.join(names)}")
-    return animations[0 if clip is None else names.index(clip)]
+    if name is not None and name not in names:
+        document.fail(f"has no animation named {name!r}; it has {', '.join(names)}")
+    return animations[0 if name is None else names.index(name)]
 
 
 def _at(

@@ -29,7 +29,7 @@ def read_motion(
     character: Character | None = None,
     *,
     mapping: str | Path | Mapping[str, str] | None = None,
-    clip: str | None = None,
+    animation: str | None = None,
     metres_per_unit: float | None = None,
 ) -> Motion:
     """The motion of a BVH, GLB, glTF or VRM file, as `character` would move.
@@ -41,7 +41,7 @@ def read_motion(
     file's unit is, for a motion that is to be compared in place. What our skeleton cannot do (a wrist that bends,
     fingers, toes) is left out.
 
-    `clip` names one of several animations. Without a character, the one in a skinned glTF is taken. Times are the
+    `animation` names one of several. Without a character, the one in a skinned glTF is taken. Times are the
     file's. Raises `InputError` for a file that cannot be read, joints that are not recognised, and unknown clips.
     """
     path = Path(path)
@@ -52,7 +52,8 @@ def read_motion(
         raise InputError(f"metres_per_unit is {metres_per_unit}; expected a number above 0, such as 0.01.")
     if character is None and suffix == ".bvh":
         raise InputError(f"{path} holds a skeleton without a body; give the character that is to move.")
-    found = read_bvh(path, mapping) if suffix == ".bvh" else read_glb(path, mapping, clip)
+    found = read_bvh(path, mapping) if suffix == ".bvh" else read_glb(path, mapping, animation)
+    own_body = character is None
     character = Character.load(path, mapping) if character is None else character
     own = _in_metres(found, character.skeleton, metres_per_unit)
     skeleton = build_skeleton(own.rig.places, "wrist7" if "l_wrist_flex" in character.skeleton.dof_names else "cmu7")
@@ -65,7 +66,7 @@ def read_motion(
     first = roomier(character.skeleton, Pose(jnp.asarray(placed[0], jnp.float32), jnp.asarray(angles[0], jnp.float32)))
     angles[0] = np.asarray(first.angles)
     poses = Pose(jnp.asarray(placed, jnp.float32), jnp.asarray(angles, jnp.float32))
-    provenance = {"clip": str(path.resolve())}
+    provenance = {"clip": str(path.resolve())} | ({"actor": str(path.resolve())} if own_body else {})
     frames = np.arange(len(placed))
     return continuous(Motion.from_poses(character, poses, frames, own.timestamps, provenance=provenance, up=own.up))
 

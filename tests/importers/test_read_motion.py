@@ -10,6 +10,7 @@ from humanoid_glb import MIXAMO, SMPL, Humanoid, pack, unpack
 from scipy.spatial.transform import Rotation
 
 import jaxmocap as jm
+from jaxmocap._cli import run
 from jaxmocap._results import InputError
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_actor, make_capture
@@ -153,8 +154,8 @@ def test_a_clip_without_a_mesh_is_read_by_its_nodes(even, tmp_path):
         node.pop("mesh", None)
     bare = jm.read_motion(pack(tmp_path / "bare.glb", document, binary), even.character)
     np.testing.assert_allclose(bare.joints, expected.joints, atol=2e-3)
-    with pytest.raises(InputError, match="has no clip named 'run'; its clips are dancer"):
-        jm.read_motion(tmp_path / "bare.glb", even.character, clip="run")
+    with pytest.raises(InputError, match="has no animation named 'run'; it has dancer"):
+        jm.read_motion(tmp_path / "bare.glb", even.character, animation="run")
 
 
 def test_a_synthetic_capture_can_be_driven_by_a_clip(even, tmp_path):
@@ -169,6 +170,18 @@ def test_a_synthetic_capture_can_be_driven_by_a_clip(even, tmp_path):
         make_capture(15, (64, 48), motion=moved, fps=15)
     with pytest.raises(InputError, match="a motion of make_actor"):
         make_capture(3, (64, 48), motion=even)
+
+
+def test_the_command_makes_a_result_that_can_be_exported_again(even, actor, tmp_path, capsys):
+    clip = jm.export(even, tmp_path / "dance.bvh", units="cm")
+    assert run(["read-motion", str(clip), "--actor", str(actor), "--out", str(tmp_path / "result"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == len(even)
+    assert run(["export", str(tmp_path / "result"), "--to", str(tmp_path / "again.glb")]) == 0
+    assert "jaxmocap: " not in capsys.readouterr().err
+    np.testing.assert_allclose(jm.read_motion(tmp_path / "again.glb").joints, even.joints, atol=1e-4)
+    assert run(["read-motion", str(clip), "--out", str(tmp_path / "other")]) == 2
+    assert "give the character that is to move" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
 
 
 # Mistakes ---------------------------------------------------------------------------------------------------------
