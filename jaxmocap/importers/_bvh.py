@@ -16,6 +16,7 @@ from ._clip import JointClip
 
 _CHANNELS = {f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")}
 _MOST_JOINTS = 1000
+_LONGEST_NAME = 20  # words
 
 
 @dataclass
@@ -54,6 +55,10 @@ class _File:
                 f"line {self.line} has {found[:40]!r} where {expected} was expected; it is no BVH file, or damaged"
             )
         return found
+
+    def rest(self) -> Iterator[str]:
+        """All words that are left."""
+        return self._words
 
     def number(self) -> float:
         found = self.word()
@@ -109,14 +114,13 @@ def _hierarchy(file: _File) -> list[_Joint]:
     while True:
         word = file.word()
         kind = word.upper()
-        if kind in ("ROOT", "JOINT"):
+        if kind == "ROOT" or (kind == "JOINT" and open_):
             if kind == "ROOT" and joints:
                 file.fail(f"line {file.line} begins a second skeleton; one person per file is read")
-            line = file.line
-            name = " ".join(file.lines[line - 1].split()[1:]) or file.word()
-            while file.word() != "{":
-                pass
-            joints.append(_Joint(name.removesuffix("{").strip(), open_[-1] if open_ else -1))
+            words = []
+            while (word := file.word()) != "{" and len(words) < _LONGEST_NAME:
+                words.append(word)
+            joints.append(_Joint(" ".join(words), open_[-1] if open_ else -1))
             open_.append(len(joints) - 1)
             if len(joints) > _MOST_JOINTS:
                 file.fail(f"has more than {_MOST_JOINTS} joints")
@@ -129,7 +133,7 @@ def _hierarchy(file: _File) -> list[_Joint]:
             if not in_tip:
                 joints[open_[-1]].offset = offset
         elif kind == "CHANNELS" and open_ and not in_tip:
-            channels = tuple(file.word() for _ in range(min(file.count(), 9)))
+            channels = tuple(file.word().capitalize() for _ in range(min(file.count(), 9)))
             unknown = [channel for channel in channels if channel not in _CHANNELS]
             if unknown:
                 file.fail(f"line {file.line} names the channel {unknown[0][:40]!r}; Xposition to Zrotation are known")
@@ -154,14 +158,11 @@ def _motion(file: _File, joints: list[_Joint]) -> tuple[Float[np.ndarray, "frame
     if seconds <= 0:
         file.fail(f"line {file.line} has the frame time {seconds:g}; more than 0 seconds were expected")
     width = sum(len(joint.channels) for joint in joints)
-    rows = [line.split() for line in file.lines[file.line :] if line.strip()][:count]
-    if count == 0 or len(rows) < count:
-        file.fail(f"announces {count} frames and holds {len(rows)}; the file is cut short")
-    for number, row in enumerate(rows):
-        if len(row) != width:
-            file.fail(f"frame {number} has {len(row)} numbers; its hierarchy has {width} channels")
+    words = list(file.rest())
+    if count == 0 or len(words) < count * width:
+        file.fail(f"announces {count} frames of {width} numbers and holds {len(words)} numbers; it is cut short")
     try:
-        frames = np.array(rows, np.float64)
+        frames = np.array(words[: count * width], np.float64).reshape(count, width)
     except ValueError:
         frames = np.full((1, 1), np.nan)
     if not np.isfinite(frames).all():

@@ -55,11 +55,15 @@ def read_motion(
     found = read_bvh(path, mapping) if suffix == ".bvh" else read_glb(path, mapping, animation)
     own_body = character is None
     character = Character.load(path, mapping) if character is None else character
+    if not np.isfinite(found.worlds).all():
+        raise InputError(f"{path} has joints whose places are not finite; the file is damaged, export it again.")
     own = _in_metres(found, character.skeleton, metres_per_unit)
-    skeleton = build_skeleton(own.rig.places, "wrist7" if "l_wrist_flex" in character.skeleton.dof_names else "cmu7")
-    root = _body(own, "pelvis")
-    angles = joint_angles(skeleton, root, _targets(own))
-    angles = angles + angles_at_rest(skeleton) - angles_at_rest(character.skeleton)
+    arm = "wrist7" if "l_wrist_flex" in character.skeleton.dof_names else "cmu7"
+    try:
+        skeleton, root, targets = build_skeleton(own.rig.places, arm), _body(own, "pelvis"), _targets(own)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(f"{path} has joints that make no person ({str(error).rstrip('.')}).") from error
+    angles = joint_angles(skeleton, root, targets) + angles_at_rest(skeleton) - angles_at_rest(character.skeleton)
     placed = root.copy()
     pelvis = root[:, :3, :3] @ own.rig.places["pelvis"] + root[:, :3, 3]
     placed[:, :3, 3] = pelvis - root[:, :3, :3] @ np.asarray(character.skeleton.pelvis, np.float64)

@@ -15,6 +15,11 @@ from jaxmocap._results import InputError
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_actor, make_capture
 
+POSER = {
+    **{"hips": "Hips", "spine": "Chest", "neck": "Neck", "head": "Head", "shoulder": "{Side}Collar"},
+    **{"arm": "{Side}Shoulder", "forearm": "{Side}Elbow", "hand": "{Side}Wrist", "upleg": "{Side}Hip"},
+    **{"leg": "{Side}Knee", "foot": "{Side}Ankle", "toe": "{Side}Toe"},
+}
 LIMBS = [(f"{s}_{a}", f"{s}_{b}") for s in "lr" for a, b in (("shoulder", "elbow"), ("elbow", "wrist"))]
 LIMBS += [(f"{s}_{a}", f"{s}_{b}") for s in "lr" for a, b in (("hip", "knee"), ("knee", "ankle"))]
 
@@ -63,8 +68,11 @@ def test_a_clip_goes_over_to_an_actor_in_another_rest_pose(even, tmp_path):
 class Clip:
     """A figure of another program, in a T-pose, 40 units to the metre, its joints turned at random."""
 
-    def __init__(self, scheme: dict[str, str], num_frames: int = 5):
-        self.body = Humanoid(drop=("index", "middle", "thumb"))
+    def __init__(self, scheme: dict[str, str], hanging: bool = False, num_frames: int = 5):
+        drop = ("index", "middle", "thumb", *(("spine1", "spine2") if hanging else ()))
+        self.body = Humanoid(drop)
+        if hanging:
+            self._let_arms_hang()
         self.names = self.body.renamed(scheme)
         rng = np.random.default_rng(1)
         self.angles = np.zeros((num_frames, len(self.names), 3))  # degrees about z, x, y, in this order
@@ -72,11 +80,20 @@ class Clip:
             base = name[2:] if name[:2] in ("l_", "r_") else name
             reach = {"arm": 60, "upleg": 35, "hips": 40, "spine": 10, "neck": 15}.get(base, 0)
             self.angles[:, number] = rng.uniform(-reach, reach, (num_frames, 3))
-            if base == "forearm":
+            if base == "forearm" and hanging:
+                self.angles[:, number, 1] = -rng.uniform(20, 100, num_frames)
+            elif base == "forearm":
                 self.angles[:, number, 2] = (-1 if name[0] == "l" else 1) * rng.uniform(20, 100, num_frames)
             if base == "leg":
                 self.angles[:, number, 1] = rng.uniform(10, 90, num_frames)
         self.path = np.cumsum(rng.uniform(-1, 1, (num_frames, 3)), axis=0) + [0, 40, 0]
+
+    def _let_arms_hang(self) -> None:
+        for side in "lr":
+            shoulder = self.body.places[self.body.names.index(f"{side}_arm")]
+            for name in ("forearm", "hand"):
+                place = self.body.places[self.body.names.index(f"{side}_{name}")]
+                place[:] = shoulder - [0, np.linalg.norm(place - shoulder), 0]
 
     def places(self) -> np.ndarray:
         """World places of all joints, in the file's units, by plain forward kinematics."""
@@ -129,9 +146,12 @@ class Clip:
         return path
 
 
-@pytest.mark.parametrize("scheme", [MIXAMO, SMPL], ids=["mixamo", "smpl"])
-def test_limbs_of_a_foreign_clip_point_where_they_pointed(tmp_path, scheme):
-    clip = Clip(scheme)
+@pytest.mark.parametrize(
+    ("scheme", "hanging"), [(MIXAMO, False), (SMPL, False), (POSER, True)], ids=["mixamo", "smpl", "poser"]
+)
+def test_limbs_of_a_foreign_clip_point_where_they_pointed(tmp_path, scheme, hanging):
+    """T-poses, and arms that hang at rest with a trunk of one joint."""
+    clip = Clip(scheme, hanging)
     character = make_actor()
     read = jm.read_motion(clip.bvh(tmp_path / "walk.bvh"), character)
     np.testing.assert_allclose(read.timestamps, 0.04 * np.arange(5), atol=1e-9)
@@ -194,10 +214,10 @@ def test_the_command_makes_a_result_that_can_be_exported_again(even, actor, tmp_
         (lambda text: "solid cube", "line 1 has 'solid' where HIERARCHY was expected"),
         (lambda text: text.replace("OFFSET", "OFSET", 1), "'OFSET', which does not belong there"),
         (lambda text: text.replace("Zrotation", "Wrotation", 1), "names the channel 'Wrotation'"),
-        (lambda text: text.replace("Frames:\t5", "Frames:\t9"), "announces 9 frames and holds 5"),
+        (lambda text: text.replace("Frames:\t5", "Frames:\t9"), "announces 9 frames of"),
         (lambda text: text.replace("Frames:\t5", "Frames:\tfive"), "'five' where a number was expected"),
         (lambda text: text.replace("0.04", "0"), "has the frame time 0"),
-        (lambda text: text[: text.rindex(" ")], "frame 4 has"),
+        (lambda text: text[: text.rindex(" ")], "announces 5 frames of"),
         (lambda text: text[: text.rindex(" ")] + " nan", "not a number"),
         (lambda text: text.replace("LeftLeg", "Tail"), "no joint was found for l_shank"),
         (lambda text: text[: text.index("MOTION")], "ends where more was expected"),
