@@ -1,5 +1,6 @@
 """USD: the skinned actor on our 18 joints, its clip, and the cameras as they moved."""
 
+import importlib
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ _NEAR, _FAR = 0.01, 1000.0
 def write_usd(motion: Motion, path: Path, form: ExportForm) -> None:
     """UsdSkel with time samples at the motion's own timestamps. Unlike glTF, cameras hold the principal point too."""
     try:
-        from pxr import Gf, Sdf, Usd, UsdGeom
+        Gf, Sdf, Usd, UsdGeom = _pxr("Gf", "Sdf", "Usd", "UsdGeom")
     except ImportError:
         raise InputError(
             f"{form.name} needs usd-core, which is not installed; run pip install 'jaxmocap[usd]', or write a .glb."
@@ -60,8 +61,7 @@ def write_usd(motion: Motion, path: Path, form: ExportForm) -> None:
 
 
 def _set_lens(camera: Any, k: Float[np.ndarray, "3 3"], size: tuple[int, int], form: ExportForm) -> None:
-    from pxr import Gf
-
+    (Gf,) = _pxr("Gf")
     width, height = size
     focal = _APERTURE * k[0, 0] / width
     upright = focal * height / k[1, 1]
@@ -74,8 +74,7 @@ def _set_lens(camera: Any, k: Float[np.ndarray, "3 3"], size: tuple[int, int], f
 
 
 def _add_actor(stage: Any, motion: Motion, form: ExportForm, codes: Float[np.ndarray, " frame"]) -> None:
-    from pxr import Gf, Sdf, UsdGeom, UsdSkel, Vt
-
+    Gf, Sdf, UsdGeom, UsdSkel, Vt = _pxr("Gf", "Sdf", "UsdGeom", "UsdSkel", "Vt")
     character, skeleton = motion.character, motion.character.skeleton
     upright, scale = UPRIGHT[form.up], form.per_metre
     paths: list[str] = []
@@ -132,6 +131,11 @@ def _add_actor(stage: Any, motion: Motion, form: ExportForm, codes: Float[np.nda
 
 
 def _prim_name(name: str) -> str:
-    from pxr import Tf
-
+    (Tf,) = _pxr("Tf")
     return str(Tf.MakeValidIdentifier(name))
+
+
+def _pxr(*names: str) -> tuple[Any, ...]:
+    """Modules of the optional usd-core, which has no types."""
+    importlib.import_module("pxr")
+    return tuple(importlib.import_module(f"pxr.{name}") for name in names)
