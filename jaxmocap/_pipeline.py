@@ -176,7 +176,7 @@ def track_capture(
             "capture": str(capture.folder.resolve()),
             "capture_name": capture.name,
             "truth": None if capture.truth is None else str(capture.truth.resolve()),
-            "actor": str(actor or capture.actor),
+            "actor": str(Path(actor or capture.actor or "").resolve()),
             "quality": quality,
             "detections": None if detections is None else str(Path(detections).resolve()),
             "detections_frames": None if detections_frames is None else sorted(detections_frames),

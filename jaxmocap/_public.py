@@ -43,5 +43,7 @@ from .track import (
     with_settings as with_settings,
 )
 from .metrics import evaluate as evaluate
+from .exporters import export as export
+from .importers import read_motion as read_motion
 from .viewers import contact_sheet as contact_sheet, draw_overlay as draw_overlay, overlay_videos as overlay_videos
 from ._pipeline import track_capture as track_capture

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap import samplers
+from jaxmocap import exporters, samplers
 from jaxmocap.character import rest_pose, skin
 from jaxmocap.character._dof_table import joint_dofs
 from jaxmocap.energies import Region, SearchEnergy, body_part, prepare_base, score_particles
@@ -113,12 +113,30 @@ def test_the_metric_of_contributing_is_the_speed_of_a_sliding_character(shown):
     assert foot_slide(motion) == pytest.approx(0.5, rel=1e-4)
 
 
-def test_the_exporter_of_contributing_writes_every_frame(motion, tmp_path):
-    export_csv = run_block("jaxmocap/exporters/_csv.py")["export_csv"]
-    lines = export_csv(motion, tmp_path / "joints.csv").read_text().splitlines()
-    values = np.array([line.split(",") for line in lines[1:]], float)
-    assert lines[0].startswith("seconds,pelvis_x,pelvis_y")
-    np.testing.assert_allclose(values[:, 1:4], motion.joints[:, 0], atol=1e-6)
+def test_the_exporter_of_contributing_writes_every_frame(motion, tmp_path, monkeypatch):
+    write_xyz = run_block("jaxmocap/exporters/_xyz.py")["write_xyz"]
+    monkeypatch.setitem(exporters.EXPORTERS, ".xyz", exporters.Exporter(write_xyz, units="mm"))
+    lines = exporters.export(motion, tmp_path / "joints.xyz", up="z").read_text().splitlines()
+    count = len(motion.joint_names)
+    assert lines[0] == str(count)
+    assert lines[1].startswith("mm, z up, 0.000000 s")
+    assert len(lines) == len(motion) * (count + 2)
+    name, *place = lines[2].split()
+    x, y, z = motion.joints[0, 0]
+    assert name == motion.joint_names[0]
+    np.testing.assert_allclose(np.array(place, float) / 1000, [x, -z, y], atol=1e-6)
+
+
+def test_the_table_of_exports_is_the_code_s():
+    text = (ROOT / "docs" / "conventions.md").read_text()
+    rows = re.findall(
+        r"^\| `(\.\w+)` \| .+? \| (m|mm)(, fixed)? \| (y|z|the motion's)(, fixed)? \|", text, re.MULTILINE
+    )
+    expected = [
+        (suffix, one.units, ", fixed" * one.fixed, one.up or "the motion's", ", fixed" * one.fixed)
+        for suffix, one in exporters.EXPORTERS.items()
+    ]
+    assert rows == expected
 
 
 def test_the_table_of_degrees_of_freedom_is_the_code_s():

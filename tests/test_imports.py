@@ -13,7 +13,7 @@ ROWS = (
     ("_pipeline",),
     ("_complete", "_synchronise"),
     ("baselines",),
-    ("exporters", "metrics", "viewers"),
+    ("exporters", "importers", "metrics", "viewers"),
     ("track", "calibration"),
     ("energies", "samplers", "refiners", "motion"),
     ("observation",),

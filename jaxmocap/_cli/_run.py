@@ -12,7 +12,9 @@ from ._calibrate import calibrate
 from ._check import check
 from ._demo import demo
 from ._evaluate import evaluate
+from ._export import export
 from ._fit_character import fit_character
+from ._read_motion import read_motion
 from ._register import register
 from ._segment import segment
 from ._sync import sync
@@ -31,6 +33,8 @@ _COMMANDS = {
     "register": register,
     "track": track,
     "evaluate": evaluate,
+    "export": export,
+    "read-motion": read_motion,
 }
 _DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
 

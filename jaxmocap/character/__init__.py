@@ -1,6 +1,11 @@
 """The actor: skeleton, pose and skinning (Eqs 1, 2 and 4), and its loading from skinned files."""
 
-from ._ball_joints import beside as beside, roomier as roomier
+from ._ball_joints import (
+    ball_joints as ball_joints,
+    beside as beside,
+    roomier as roomier,
+    twin_angles as twin_angles,
+)
 from ._body_shape import (
     GIRTHS as GIRTHS,
     LENGTHS as LENGTHS,
@@ -8,9 +13,11 @@ from ._body_shape import (
     bone_lengths as bone_lengths,
     scaled as scaled,
 )
-from ._build import build_skeleton as build_skeleton
+from ._build import angles_at_rest as angles_at_rest, build_skeleton as build_skeleton
 from ._character import Character as Character
 from ._dof_table import BODIES as BODIES
+from ._glb_buffer import GlbBuffer as GlbBuffer, glb_bytes as glb_bytes
+from ._gltf import Document as Document
 from ._jacobian import points_and_jacobian as points_and_jacobian, taylor_skin as taylor_skin
 from ._kinematics import (
     blend as blend,
@@ -18,6 +25,7 @@ from ._kinematics import (
     landmark_positions as landmark_positions,
     skin as skin,
 )
+from ._nodes import local_matrix as local_matrix, parents_first as parents_first, parents_of as parents_of
 from ._pose import (
     Pose as Pose,
     clamp as clamp,
@@ -29,5 +37,7 @@ from ._pose import (
     retract as retract,
     retract_root_twist as retract_root_twist,
 )
+from ._read_skin import RawSkin as RawSkin
+from ._rig import Rig as Rig, read_rig as read_rig, rig_of as rig_of
 from ._simplify import simplify as simplify
 from ._skeleton import Skeleton as Skeleton

@@ -53,6 +53,14 @@ def build_skeleton(joints: Mapping[str, Vector], arm: Arm = "cmu7") -> Skeleton:
     )
 
 
+def angles_at_rest(skeleton: Skeleton) -> Float[np.ndarray, " dof"]:
+    """The joint angles of the rest pose itself, measured from the neutral body of the table (arms straight out to the
+    sides, palms down, legs straight), radians: what is to be added to a pose's angles to compare two actors."""
+    places = dict(zip(skeleton.landmark_names, np.asarray(skeleton.landmarks, np.float64), strict=True))
+    angles, _ = rest_angles(places)
+    return np.array([angles.get(name, 0.0) for name in skeleton.dof_names[len(ROOT) :]])
+
+
 def _axis(dof: Dof, segments: Mapping[str, np.ndarray]) -> np.ndarray:
     axis = segments.get(dof.name, np.eye(3)) @ np.array(dof.axis)
     return axis / np.linalg.norm(axis)

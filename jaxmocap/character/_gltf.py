@@ -19,7 +19,10 @@ _SUFFIXES = (".glb", ".gltf", ".vrm")
 
 
 class Document:
-    """A glTF file in memory. `array` decodes an accessor; `fail` raises an `InputError` that names the file."""
+    """A glTF file in memory. `array` decodes an accessor, `buffer` gives a buffer's bytes; `fail` raises an
+    `InputError` that names the file. `content` is its JSON as it stands there."""
+
+    content: dict[str, Any]
 
     def __init__(self, path: Path):
         self.path = path
@@ -63,7 +66,7 @@ class Document:
         numbers = (count, stride, start, offset, view.byteLength)
         if not all(isinstance(number, int) and number >= 0 for number in numbers) or stride < size:
             self.fail(f"accessor {index} has impossible sizes; the file is damaged, export it again")
-        data = self._buffer(view.buffer)
+        data = self.buffer(view.buffer)
         end = start + offset + stride * (count - 1) + size if count else start
         if end > min(len(data), start + view.byteLength):
             self.fail(f"accessor {index} needs {end} bytes but the buffer holds {len(data)}; the file is cut short")
@@ -106,6 +109,7 @@ class Document:
             compressed = [name for name in required if "draco" in name or "meshopt" in name]
             if compressed:
                 self.fail(f"is compressed with {compressed[0]}; export the model without compression")
+            self.content = content
             return pygltflib.GLTF2.from_json(json.dumps(content), infer_missing=True)
         except (UnicodeDecodeError, json.JSONDecodeError, RecursionError):
             self.fail("has unreadable JSON; the file is damaged, export it again")
@@ -114,16 +118,18 @@ class Document:
                 raise
             self.fail(f"is not well-formed glTF ({error}); export it again")
 
-    def _buffer(self, index: Any) -> bytes:
+    def buffer(self, index: Any) -> bytes:
+        """The bytes of a buffer, from wherever they are."""
         if index not in self._buffers:
             buffer = self.item("buffers", index)
-            data = self._uri(buffer.uri) if buffer.uri else self._binary
+            data = self.uri(buffer.uri) if buffer.uri else self._binary
             if data is None:
                 self.fail("has no binary chunk; the file is cut short")
             self._buffers[index] = data
         return self._buffers[index]
 
-    def _uri(self, uri: str) -> bytes:
+    def uri(self, uri: str) -> bytes:
+        """What a URI in the file stands for: data of its own, or a file beside it."""
         if uri.startswith("data:"):
             try:
                 return base64.b64decode(uri.partition(",")[2], validate=True)

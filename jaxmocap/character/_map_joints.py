@@ -5,14 +5,13 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
 
 from jaxmocap._results import InputError
 
 from ._dof_table import BODIES, LANDMARKS
-from ._gltf import Document
 from ._joint_names import ancestors, roles_by_name
 from ._joint_places import roles_by_place
 from ._read_skin import RawSkin
@@ -28,21 +27,34 @@ _JOINT_OF_BODY = {body: joint for body, _, joint in BODIES}
 _THORAX = 0.4  # T8 as a fraction of the way from L4 to C7
 
 
+class Source(Protocol):
+    """The file that joints come from; `fail` raises an `InputError` that names it."""
+
+    @property
+    def path(self) -> Path: ...
+
+    def fail(self, message: str) -> NoReturn: ...
+
+
 class MappedJoints(NamedTuple):
-    """Our joints and known landmarks in the file's frame, and the weights (V, 18) by body."""
+    """Our joints and known landmarks in the file's frame, the weights (V, 18) by body, the number of the body that
+    each of the file's joints belongs to, and the joint at which each body begins, where there is one."""
 
     places: dict[str, np.ndarray]
     body_weights: np.ndarray
+    bodies: tuple[int, ...]
+    anchors: dict[str, int]
 
 
-def map_joints(document: Document, raw: RawSkin, mapping: str | Path | Mapping[str, str] | None) -> MappedJoints:
+def map_joints(document: Source, raw: RawSkin, mapping: str | Path | Mapping[str, str] | None) -> MappedJoints:
     """Find our bodies among the file's joints: by the caller's mapping, then by name, then by place.
 
     Raises `InputError` naming the bodies that could not be found, or a mapping that does not fit the file.
     """
     saved = _saved_landmarks(raw)
     if saved is not None and mapping is None:
-        return MappedJoints(saved, raw.weights[:, [raw.joint_names.index(body) for body in BODY_NAMES]])
+        own = {body: raw.joint_names.index(body) for body in BODY_NAMES}
+        return MappedJoints(saved, raw.weights[:, list(own.values())], _followed(raw, own, {}), own)
     given = _read_mapping(document, raw, mapping)
     roles = roles_by_name(raw.joint_names, raw.joint_parents)
     anchors = {**_anchors(roles, raw), **_topmost(given, raw)}
@@ -57,17 +69,23 @@ def map_joints(document: Document, raw: RawSkin, mapping: str | Path | Mapping[s
                 f'lines like `"{raw.joint_names[0]}" = "pelvis"` (file joint = body) for its joints {names}'
             )
     anchors.setdefault("pelvis", _common_ancestor(anchors["l_thigh"], anchors["r_thigh"], raw))
-    owner = {joint: body for body, joint in anchors.items()} | given
+    bodies = _followed(raw, anchors, given)
     weights = np.zeros((len(raw.weights), len(BODY_NAMES)))
-    for joint in range(len(raw.joint_names)):
-        body = next((owner[j] for j in [joint, *ancestors(joint, raw.joint_parents)] if j in owner), "pelvis")
-        weights[:, BODY_NAMES.index(body)] += raw.weights[:, joint]
+    for joint, body in enumerate(bodies):
+        weights[:, body] += raw.weights[:, joint]
     places = {_JOINT_OF_BODY[body]: raw.joint_places[joint] for body, joint in anchors.items()}
     if "abdomen" not in anchors:
         _split_trunk(places, weights, raw.vertices)
     if roles.get("head", anchors["head"]) != anchors["head"]:
         places["head"] = raw.joint_places[roles["head"]]
-    return MappedJoints(places, weights)
+    return MappedJoints(places, weights, bodies, anchors)
+
+
+def _followed(raw: RawSkin, anchors: Mapping[str, int], given: Mapping[int, str]) -> tuple[int, ...]:
+    """For every joint the body that its nearest ancestor with one begins, or that is given; else the pelvis."""
+    owner = {joint: body for body, joint in anchors.items()} | dict(given)
+    lines = [[joint, *ancestors(joint, raw.joint_parents)] for joint in range(len(raw.joint_names))]
+    return tuple(BODY_NAMES.index(next((owner[j] for j in line if j in owner), "pelvis")) for line in lines)
 
 
 def _anchors(roles: Mapping[str, int], raw: RawSkin) -> dict[str, int]:
@@ -133,7 +151,7 @@ def _common_ancestor(a: int, b: int, raw: RawSkin) -> int:
     return next((joint for joint in ancestors(a, raw.joint_parents) if joint in above), a)
 
 
-def _read_mapping(document: Document, raw: RawSkin, mapping: str | Path | Mapping[str, str] | None) -> dict[int, str]:
+def _read_mapping(document: Source, raw: RawSkin, mapping: str | Path | Mapping[str, str] | None) -> dict[int, str]:
     """A mapping as {file joint: body}."""
     if mapping is None:
         return {}

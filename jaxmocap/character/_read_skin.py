@@ -3,9 +3,9 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ._gltf import Document
+from ._nodes import local_matrix
 
 _MOST_JOINTS = 1000
 
@@ -20,6 +20,9 @@ class RawSkin(NamedTuple):
     joint_parents: tuple[int, ...]  # nearest ancestor that is a joint, or -1
     joint_places: np.ndarray  # (J, 3) in the rest pose of the mesh
     extras: dict[str, Any]
+    joint_nodes: tuple[int, ...]  # numbers of the joints among the file's nodes
+    place: np.ndarray  # (4, 4) metres from the mesh's space
+    inverse_binds: np.ndarray  # (J, 4, 4) a joint's space from the mesh's, in the rest pose
 
 
 def read_skin(document: Document) -> RawSkin:
@@ -61,6 +64,9 @@ def read_skin(document: Document) -> RawSkin:
         joint_parents=tuple(_joint_parent(node, parents, order) for node in skin.joints),
         joint_places=joint_places,
         extras=skin.extras or {},
+        joint_nodes=tuple(skin.joints),
+        place=place,
+        inverse_binds=inverse_binds,
     )
 
 
@@ -145,19 +151,9 @@ def _hierarchy(document: Document) -> tuple[list[int], np.ndarray]:
             node = parents[node]
         world = np.eye(4)
         for node in reversed(path):
-            world = world @ _local(nodes[node])
+            world = world @ local_matrix(document.content["nodes"][node])
         worlds[number] = world
     return parents, worlds
-
-
-def _local(node: Any) -> np.ndarray:
-    if node.matrix:
-        return np.array(node.matrix, dtype=np.float64).reshape(4, 4).T
-    matrix = np.eye(4)
-    rotation = node.rotation if node.rotation is not None and np.any(node.rotation) else [0, 0, 0, 1]
-    matrix[:3, :3] = Rotation.from_quat(rotation).as_matrix() * np.array(node.scale or [1, 1, 1])
-    matrix[:3, 3] = node.translation or [0, 0, 0]
-    return matrix
 
 
 def _displayed(joint_worlds: np.ndarray, inverse_binds: np.ndarray) -> np.ndarray:

@@ -1,19 +1,15 @@
 """Writing a character as an ordinary skinned GLB."""
 
-import json
-import struct
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ._dof_table import BODIES
+from ._glb_buffer import GlbBuffer, glb_bytes
 
 if TYPE_CHECKING:
     from ._character import Character
-
-_TYPES = {np.dtype("<f4"): 5126, np.dtype("<u4"): 5125, np.dtype("u1"): 5121}
-_WIDTHS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
 def save_glb(character: "Character", path: Path) -> Path:
@@ -25,7 +21,7 @@ def save_glb(character: "Character", path: Path) -> Path:
     joints = np.array([skeleton.landmark(joint) for _, _, joint in BODIES], dtype="<f4")
     inverse_binds = np.tile(np.eye(4, dtype="<f4"), (len(joints), 1, 1))
     inverse_binds[:, 3, :3] = -joints  # glTF matrices are stored by columns
-    writer = _Writer()
+    writer = GlbBuffer()
     attributes = {"POSITION": writer.add(np.asarray(character.vertices, "<f4"), bounds=True)}
     for number, (bones, values) in enumerate(_influences(np.asarray(character.weights, "<f4"))):
         attributes[f"JOINTS_{number}"] = writer.add(bones.astype("u1"))
@@ -50,7 +46,7 @@ def save_glb(character: "Character", path: Path) -> Path:
         ],
         **writer.tables(),
     }
-    path.write_bytes(_container(document, bytes(writer.data)))
+    path.write_bytes(glb_bytes(document, bytes(writer.data)))
     return path
 
 
@@ -76,39 +72,3 @@ def _influences(weights: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         missing = 4 - part.shape[1]
         sets.append((np.pad(bones, ((0, 0), (0, missing))), np.pad(part, ((0, 0), (0, missing)))))
     return sets
-
-
-class _Writer:
-    """Collects arrays into one buffer, each with its own view and accessor."""
-
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self.views: list[dict[str, int]] = []
-        self.accessors: list[dict[str, object]] = []
-
-    def add(self, array: np.ndarray, bounds: bool = False) -> int:
-        accessor: dict[str, object] = {
-            "bufferView": len(self.views),
-            "componentType": _TYPES[array.dtype],
-            "count": len(array),
-            "type": _WIDTHS[array.shape[1]],
-        }
-        if bounds:
-            accessor |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
-        self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": array.nbytes})
-        self.accessors.append(accessor)
-        self.data += array.tobytes()
-        self.data += b"\x00" * (-len(self.data) % 4)
-        return len(self.accessors) - 1
-
-    def tables(self) -> dict[str, object]:
-        return {"accessors": self.accessors, "bufferViews": self.views, "buffers": [{"byteLength": len(self.data)}]}
-
-
-def _container(document: dict[str, object], binary: bytes) -> bytes:
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    length = 12 + 8 + len(text) + 8 + len(binary)
-    header = struct.pack("<III", 0x46546C67, 2, length)
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
-    return header + chunks

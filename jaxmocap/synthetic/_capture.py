@@ -13,13 +13,14 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import KEYPOINT_NAMES
 from jaxmocap.character import Character, Pose, landmark_positions, skin
+from jaxmocap.motion import Motion
 
 from ._actor import make_actor
 from ._body import TEMPLATE_HEIGHT
 from ._cameras import handheld_paths, intrinsics_of
 from ._clothes import Outfit, Style
 from ._markers import bind_markers, marker_positions
-from ._motion import dance, ground_path
+from ._motion import dance, ground_path, recorded
 from ._render import Rendered, Subject, develop, render_view
 from ._scene import make_scene
 
@@ -87,14 +88,16 @@ def make_capture(
     sub_frames: int = 1,
     supersampling: int = 2,
     selected_frames: Sequence[int] | None = None,
+    motion: Motion | None = None,
 ) -> SyntheticCapture:
     """Film the actor dancing on a square with handheld cameras 27 degrees apart; equal arguments give equal bytes.
 
     `size` is (width, height) in pixels, both even. `clothes="uniform"` dresses arms and torso alike. `sensor_noise` is
     a fraction of full scale, `keypoint_noise` a standard deviation in pixels at 960 pixels width. `illumination_change`
     brightens and dims the scene by that fraction over the capture. `sub_frames` > 1 averages that many instants of a
-    half-open shutter (motion blur). `selected_frames` default to the first and the middle one. Raises `InputError` for
-    arguments out of range.
+    half-open shutter (motion blur). `selected_frames` default to the first and the middle one. Instead of dancing,
+    the actor moves as in `motion`, a motion of `make_actor(height)` that lasts as long, such as
+    `jm.read_motion("clip.bvh", make_actor())`. Raises `InputError` for arguments out of range.
     """
     _check(num_frames, size, num_cameras, sub_frames, supersampling)
     selected = tuple(selected_frames) if selected_frames is not None else tuple(sorted({0, num_frames // 2}))
@@ -105,10 +108,14 @@ def make_capture(
     times = np.concatenate([timestamps[:, None], timestamps[:, None] + instants], axis=1).reshape(-1)
 
     character = make_actor(height)
-    poses = dance(character.skeleton, times, motion_scale)
+    if motion is None:
+        poses, path = dance(character.skeleton, times, motion_scale), ground_path(times, motion_scale)
+    else:
+        _check_motion(motion, character, timestamps[-1])
+        poses, path = recorded(motion, times)
     posed = [_skinned(character, Pose(*pose)) for pose in zip(poses.root, poses.angles, strict=True)]
     vertices, joints = (np.stack(values).astype(float) for values in zip(*posed, strict=True))
-    paths = handheld_paths(times, ground_path(times, motion_scale), size, num_cameras, seed, camera_shake, height)
+    paths = handheld_paths(times, path, size, num_cameras, seed, camera_shake, height)
 
     every = 1 + sub_frames
     faces, intrinsics, scene = np.asarray(character.faces), intrinsics_of(size), make_scene(seed)
@@ -157,6 +164,15 @@ def _check(num_frames: int, size: tuple[int, int], num_cameras: int, sub_frames:
         raise InputError(f"num_cameras is {num_cameras}; choose 1, 2 or 3.")
     if sub_frames < 1 or supersampling < 1:
         raise InputError(f"sub_frames is {sub_frames} and supersampling {supersampling}; both must be at least 1.")
+
+
+def _check_motion(motion: Motion, character: Character, duration: float) -> None:
+    theirs, ours = motion.character.vertices, character.vertices
+    if theirs.shape != ours.shape or not np.allclose(theirs, ours, atol=1e-5):
+        raise InputError(f"the motion is one of '{motion.character.name}'; a motion of make_actor(height) is needed.")
+    lasts = motion.timestamps[-1] - motion.timestamps[0]
+    if lasts < duration - 1e-6:
+        raise InputError(f"the motion lasts {lasts:.3g} s; {duration:.3g} s are to be filmed: ask for fewer frames.")
 
 
 @eqx.filter_jit

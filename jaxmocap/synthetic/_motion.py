@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmocap.character import Pose, Skeleton, landmark_positions, pose_from_vector
+from jaxmocap.motion import Motion, at_times, continuous, turned
 
 STEP_RATE = 0.8
 _KNEE_LIFT_TIME = 1.56
@@ -74,6 +75,21 @@ def ground_path(times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Float[
     times = np.asarray(times, float)
     sway = [scale * _waves(_SWAY[name], times) for name in ("root_tx", "root_tz")]
     return np.stack([sway[0], np.zeros_like(times), sway[1]], axis=1)
+
+
+def recorded(motion: Motion, times: Float[np.ndarray, "frame"]) -> tuple[Pose, Float[np.ndarray, "frame 3"]]:
+    """The poses of a motion at any times (seconds after its first frame), its path's middle moved to the origin, and
+    where the actor then stands, as `ground_path`. Before its beginning and after its end it stands still."""
+    motion = continuous(turned(motion, "y"))
+    own = motion.timestamps - motion.timestamps[0]
+    asked, back = np.unique(np.clip(times, own[0], own[-1]), return_inverse=True)
+    found = at_times(motion, motion.timestamps[0] + asked)
+    pelvis = found.joints[:, found.joint_names.index("pelvis")].astype(float)
+    middle = 0.5 * (pelvis.min(axis=0) + pelvis.max(axis=0)) * [1, 0, 1]
+    root = found.root.copy()
+    root[:, :3, 3] -= middle
+    path = (pelvis - middle) * [1, 0, 1]
+    return Pose(jnp.asarray(root[back]), jnp.asarray(found.angles[back])), path[back]
 
 
 def _waves(waves: list[tuple[float, float, float]], times: np.ndarray) -> np.ndarray:

@@ -1,0 +1,54 @@
+"""Exporters: a motion as a file of another program, one format per module."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from jaxmocap.motion import Motion
+
+from ._bvh import write_bvh as write_bvh
+from ._c3d import write_c3d as write_c3d
+from ._colmap import write_colmap as write_colmap
+from ._export import checked_exporter as checked_exporter, export_motion as export_motion
+from ._exporter import Exporter as Exporter, ExportForm as ExportForm, Units as Units, Up as Up
+from ._glb import write_glb as write_glb
+from ._opensim import write_mot as write_mot, write_trc as write_trc
+from ._tables import write_csv as write_csv, write_parquet as write_parquet
+from ._usd import write_usd as write_usd
+
+EXPORTERS: dict[str, Exporter] = {
+    ".glb": Exporter(write_glb, units="m", up="y", fixed=True),
+    ".bvh": Exporter(write_bvh, units="m", up="y", even=True),
+    ".c3d": Exporter(write_c3d, units="mm", even=True),
+    ".trc": Exporter(write_trc, units="mm", up="y", even=True),
+    ".mot": Exporter(write_mot, units="m", up="y", fixed=True),
+    ".csv": Exporter(write_csv),
+    ".parquet": Exporter(write_parquet),
+    ".usd": Exporter(write_usd),
+    ".usda": Exporter(write_usd),
+    ".usdc": Exporter(write_usd),
+    ".colmap": Exporter(write_colmap, resamples=False, folder=True),
+}
+"""By the suffix of the file."""
+
+
+def export(
+    result: Motion | str | Path,
+    path: str | Path,
+    *,
+    units: Units | None = None,
+    up: Up | None = None,
+    frame_rate: float | None = None,
+    actor: str | Path | None = None,
+    say: Callable[[str], None] | None = None,
+) -> Path:
+    """Write a motion, or that of a result folder, for another program; the format goes by the suffix. Returns `path`.
+
+    `units` are "m", "cm" or "mm" and `up` is the vertical axis, "y" or "z"; `docs/conventions.md` has each format's
+    own. `frame_rate` in frames per second resamples by interpolation. A GLB is written on the rig of the file that the
+    character came from; `actor` names it where it is not the one the result remembers. `say` is told
+    what is worth a sentence. Raises `InputError` for an unknown suffix, a file that exists, and what a format cannot
+    hold; nothing is left behind then.
+    """
+    path = Path(path)
+    export_motion(result, path, EXPORTERS, units=units, up=up, frame_rate=frame_rate, actor=actor, say=say)
+    return path

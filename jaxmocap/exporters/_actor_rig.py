@@ -1,0 +1,131 @@
+"""Which rig a motion is written on: the one its actor came with, or else our own 18 joints."""
+
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
+
+from jaxmocap._results import InputError
+from jaxmocap.character import (
+    BODIES,
+    Character,
+    Document,
+    RawSkin,
+    Rig,
+    local_matrix,
+    parents_first,
+    parents_of,
+    read_rig,
+)
+from jaxmocap.motion import Motion
+
+from ._exporter import ExportForm
+
+_SAME = 1e-4
+"""Metres by which the vertices of the actor's file may be off those of the tracked character."""
+_SHEAR = 1e-4
+_NOTICED = 1e-3
+"""Metres by which the posed mesh may be off before it is said."""
+
+
+class ActorRig(NamedTuple):
+    """A skinned document, the nodes of its joints, and their transforms, in their parents, in every frame. `own` says
+    that it is the actor's own file, and `off` how far its mesh comes to lie from the tracked one at most, metres."""
+
+    document: Document
+    joints: tuple[int, ...]
+    scales: Float[np.ndarray, "joint 3"]
+    rotations: Float[np.ndarray, "frame joint 3 3"]
+    translations: Float[np.ndarray, "frame joint 3"]
+    own: bool
+    off: float
+
+
+def actor_rig(motion: Motion, form: ExportForm) -> ActorRig:
+    """The actor's own rig, posed. Where its file is gone, or no longer what was tracked, our own joints, and a sentence
+    that says so; `InputError` if the file was named by the user."""
+    named = form.actor or motion.provenance.get("actor")
+    why = "the result names no actor's file"
+    if named:
+        why = _mismatch(motion.character, Path(named))
+        if why is None:
+            posed = _posed(Document(Path(named)), motion, own=True)
+            if posed is not None:
+                if posed.off > _NOTICED:
+                    form.say(
+                        f"{form.name}: the actor's rig has fewer joints than the tracked body, so its mesh is off by "
+                        f"up to {100 * posed.off:.1f} cm."
+                    )
+                return posed
+            why = f"the rig of {named} stretches unevenly, which glTF nodes cannot hold"
+        if form.actor is not None:
+            raise InputError(f"{why}; leave the actor out to write the motion on our own joints.")
+    if named:
+        form.say(f"{form.name}: {why}; the motion is written on our own joints, without materials.")
+    with tempfile.TemporaryDirectory() as folder:
+        posed = _posed(Document(motion.character.save_glb(Path(folder) / "character.glb")), motion, own=False)
+    assert posed is not None
+    return posed
+
+
+def _mismatch(character: Character, path: Path) -> str | None:
+    """Why the actor's file cannot be used, if so."""
+    if not path.is_file():
+        return f"the actor's file {path} is not there"
+    try:
+        found = Character.load(path)
+    except InputError as error:
+        return str(error).rstrip(".")
+    same = found.vertices.shape == character.vertices.shape and np.array_equal(found.faces, character.faces)
+    if not same or float(np.abs(np.asarray(found.vertices - character.vertices)).max()) > _SAME:
+        return f"{path} is another character than the one that was tracked"
+    return None
+
+
+def _posed(document: Document, motion: Motion, own: bool) -> ActorRig | None:
+    """The document's nodes in every frame; None where they cannot be written as translation, rotation and scale."""
+    raw, rig = read_rig(document)
+    nodes = document.content["nodes"]
+    still = np.stack([local_matrix(node) for node in nodes])
+    parents = parents_of(nodes)
+    targets = dict(zip(raw.joint_nodes, _joint_worlds(motion, rig).swapaxes(0, 1), strict=True))
+    worlds = np.empty((len(motion), len(nodes), 4, 4))
+    local = np.empty_like(worlds)
+    for node in parents_first(parents):
+        above = worlds[:, parents[node]] if parents[node] >= 0 else np.eye(4)
+        local[:, node] = np.linalg.solve(above, targets[node]) if node in targets else still[node]
+        worlds[:, node] = above @ local[:, node]
+    joints = list(raw.joint_nodes)
+    local = local[:, joints]
+    scales = np.linalg.norm(local[..., :3, :3], axis=-2)
+    rotations = local[..., :3, :3] / scales[..., None, :]
+    uneven = np.abs(rotations.swapaxes(-1, -2) @ rotations - np.eye(3)).max()
+    breathing = np.ptp(scales, axis=0).max() / scales.max()
+    if uneven > _SHEAR or breathing > _SHEAR or (np.linalg.det(rotations) < 0).any():
+        return None
+    off = _difference(raw, rig, motion)
+    return ActorRig(document, raw.joint_nodes, np.median(scales, axis=0), rotations, local[..., :3, 3], own, off)
+
+
+def _difference(raw: RawSkin, rig: Rig, motion: Motion) -> float:
+    """How far vertices of the file, moved by its own joints, lie from the tracked ones at most, metres, in some frames.
+    More than rounding only where one joint of the file stands for two of ours, as in a trunk with one joint."""
+    character = motion.character
+    rest = raw.vertices @ rig.rest_from_file.T
+    _, nearest = KDTree(np.asarray(character.vertices, np.float64)).query(rest)
+    weights = raw.weights @ np.eye(len(BODIES))[list(rig.bodies)]
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
+    wrong = weights - np.asarray(character.weights, np.float64)[nearest]
+    frames = np.unique(np.linspace(0, len(motion) - 1, 8).astype(int))
+    moved = motion.body_transforms[frames].astype(np.float64)
+    apart = np.einsum("vb,tbij,vj->tvi", wrong, moved[..., :3, :3], rest, optimize=True)
+    apart += np.einsum("vb,tbi->tvi", wrong, moved[..., :3, 3])
+    return float(np.linalg.norm(apart, axis=-1).max())
+
+
+def _joint_worlds(motion: Motion, rig: Rig) -> Float[np.ndarray, "frame joint 4 4"]:
+    bodies = motion.body_transforms.astype(np.float64)
+    return bodies[:, list(rig.bodies)] @ rig.rest_from_joint

@@ -1,0 +1,91 @@
+"""Motions at other times, and joint angles that do not jump."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation, Slerp
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras
+from jaxmocap.character import Pose, ball_joints, twin_angles
+
+from ._motion import STATUSES, Motion
+
+_SLACK = 1e-6
+"""Seconds."""
+
+
+def continuous(motion: Motion) -> Motion:
+    """The same poses by angles that do not jump: a ball joint's other set of angles, or whole turns, where those are
+    nearer to the frame before."""
+    angles = motion.angles.astype(np.float64)
+    for place, twice in ball_joints(motion.character.skeleton):
+        for frame in range(1, len(angles)):
+            before, now = angles[frame - 1, place], angles[frame, place]
+            same = now - 2 * np.pi * np.round((now - before) / (2 * np.pi))
+            other = twin_angles(same, twice, before, before)
+            nearer = np.abs(other - before).sum() < np.abs(same - before).sum()
+            angles[frame, place] = other if nearer else same
+    return replace(motion, angles=np.unwrap(angles, axis=0))
+
+
+def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
+    """The motion at increasing times (seconds) within its own, interpolated between frames; frames count from 0.
+
+    The pelvis and the centres of the cameras move straight, rotations about one axis, and joint angles, which must
+    not jump (`continuous`), evenly. A status is the worse of the two frames' between which it lies; energies are left
+    out. Raises `InputError` for times outside the motion's.
+    """
+    times = np.asarray(times, np.float64)
+    begin, end = motion.timestamps[[0, -1]]
+    if len(times) == 0 or times[0] < begin - _SLACK or times[-1] > end + _SLACK:
+        raise InputError(f"The motion lasts from {begin:g} to {end:g} s; other times cannot be interpolated.")
+    if len(motion) == 1:
+        return motion
+    times = np.clip(times, begin, end)
+    after = np.clip(np.searchsorted(motion.timestamps, times, side="right"), 1, len(motion) - 1)
+    share = (times - motion.timestamps[after - 1]) / (motion.timestamps[after] - motion.timestamps[after - 1])
+
+    def between(values: np.ndarray) -> np.ndarray:
+        part = share.reshape(-1, *[1] * (values.ndim - 1))
+        return (1 - part) * values[after - 1] + part * values[after]
+
+    pelvis = np.asarray(motion.character.skeleton.pelvis, np.float64)
+    root = motion.root.astype(np.float64)
+    moved = _slerp(motion.timestamps, root[:, :3, :3], times)
+    placed = np.tile(np.eye(4), (len(times), 1, 1))
+    placed[:, :3, :3] = moved
+    placed[:, :3, 3] = between(root[:, :3, :3] @ pelvis + root[:, :3, 3]) - moved @ pelvis
+    rank = np.array([STATUSES.index(status) for status in motion.status])
+    worse = np.maximum(np.where(share < 1, rank[after - 1], 0), np.where(share > 0, rank[after], 0))
+    return Motion.from_poses(
+        motion.character,
+        Pose(jnp.asarray(placed, jnp.float32), jnp.asarray(between(motion.angles), jnp.float32)),
+        np.arange(len(times)),
+        times,
+        confidence=between(motion.confidence),
+        status=np.array(STATUSES)[worse],
+        provenance=motion.provenance,
+        cameras=None if motion.cameras is None else _cameras_between(motion.cameras, motion.timestamps, times, between),
+        up=motion.up,
+    )
+
+
+def _cameras_between(cameras: Cameras, timestamps: np.ndarray, times: np.ndarray, between: Callable) -> Cameras:
+    poses = np.asarray(cameras.cam_from_world, np.float64)
+    centres = np.asarray(cameras.centres(), np.float64)
+    moved = np.tile(np.eye(4), (len(poses), len(times), 1, 1))
+    for camera, pose in enumerate(poses):
+        moved[camera, :, :3, :3] = _slerp(timestamps, pose[:, :3, :3], times)
+        centre = between(centres[camera])
+        moved[camera, :, :3, 3] = -np.einsum("tij,tj->ti", moved[camera, :, :3, :3], centre)
+    return replace(cameras, cam_from_world=jnp.asarray(moved, jnp.float32))
+
+
+def _slerp(
+    timestamps: Float[np.ndarray, " frame"], matrices: Float[np.ndarray, "frame 3 3"], times: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, "time 3 3"]:
+    return Slerp(timestamps, Rotation.from_matrix(matrices))(times).as_matrix()

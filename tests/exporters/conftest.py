@@ -1,0 +1,9 @@
+"""The dancing figure, as fixtures."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "character"))
+
+from dancing_figure import actor, character, even, motion  # noqa: F401

@@ -1,0 +1,136 @@
+"""C3D, TRC, MOT, CSV, Parquet and COLMAP exports, read back by others or as plain tables."""
+
+import csv
+from dataclasses import replace
+
+import ezc3d
+import numpy as np
+import pytest
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import read_cameras
+from jaxmocap.exporters import export
+from jaxmocap.motion import Motion
+from jaxmocap.synthetic import dance, make_actor
+
+
+def test_c3d_holds_the_joints_in_millimetres_and_residuals_that_say_how_sure(even, tmp_path):
+    status = np.array(["ok"] * 11 + ["lost"])
+    file = ezc3d.c3d(str(export(replace(even, status=status), tmp_path / "dance.c3d")))
+    point = file["parameters"]["POINT"]
+    assert point["UNITS"]["value"] == ["mm"]
+    assert (point["X_SCREEN"]["value"], point["Y_SCREEN"]["value"]) == (["+X"], ["+Y"])
+    assert point["RATE"]["value"][0] == pytest.approx(30, rel=1e-6)
+    assert tuple(point["LABELS"]["value"]) == even.joint_names
+    found = file["data"]["points"][:3].transpose(2, 1, 0) / 1000
+    np.testing.assert_allclose(found[:11], even.joints[:11], atol=1e-5)
+    assert np.isnan(found[11]).all()
+    residuals = file["data"]["meta_points"]["residuals"][0].T
+    np.testing.assert_allclose(residuals[:11], 100 * (1 - even.confidence[:11]), atol=0.5)
+    assert (residuals[11] == -1).all()
+
+
+def test_c3d_says_which_way_is_up(even, tmp_path):
+    file = ezc3d.c3d(str(export(even, tmp_path / "dance.c3d", up="z", units="m")))
+    assert file["parameters"]["POINT"]["Y_SCREEN"]["value"] == ["+Z"]
+    found = file["data"]["points"][:3].transpose(2, 1, 0)
+    np.testing.assert_allclose(found, even.joints[..., [0, 2, 1]] * [1, -1, 1], atol=1e-5)
+
+
+def test_trc_is_a_table_of_virtual_markers(even, tmp_path):
+    lines = export(even, tmp_path / "dance.trc").read_text().split("\n")
+    cells = [line.split("\t") for line in lines]
+    assert cells[0] == ["PathFileType", "4", "(X/Y/Z)", "dance.trc"]
+    stated = dict(zip(cells[1], cells[2], strict=True))
+    assert (stated["Units"], stated["DataRate"], stated["NumFrames"]) == ("mm", "30", "12")
+    assert int(stated["NumMarkers"]) == len(even.joint_names)
+    assert [cell for cell in cells[3][2:] if cell] == list(even.joint_names)
+    assert cells[4][2:5] == ["X1", "Y1", "Z1"]
+    assert cells[5] == [""]
+    table = np.array(cells[6:18], float)
+    np.testing.assert_allclose(table[:, 1], even.timestamps, atol=1e-6)
+    np.testing.assert_allclose(table[:, 2:].reshape(12, -1, 3) / 1000, even.joints, atol=1e-6)
+    assert lines[18:] == [""]
+
+
+def test_mot_has_the_pelvis_in_opensim_s_coordinates_and_the_joints_in_degrees(motion, tmp_path):
+    head, body = export(motion, tmp_path / "dance.mot").read_text().split("endheader\n")
+    assert "inDegrees=yes" in head
+    assert f"nRows={len(motion)}" in head
+    names, *rows = [line.split("\t") for line in body.splitlines()]
+    table = dict(zip(names, np.array(rows, float).T, strict=True))
+    assert f"nColumns={len(names)}" in head
+    np.testing.assert_allclose(table["time"], motion.timestamps, atol=1e-6)
+    pelvis = np.stack([table[f"pelvis_t{axis}"] for axis in "xyz"], axis=1)
+    np.testing.assert_allclose(pelvis, motion.joints[:, 0], atol=1e-5)
+    for frame in range(len(motion)):
+        tilt, list_, turn = (np.radians(table[f"pelvis_{name}"][frame]) for name in ("tilt", "list", "rotation"))
+        about_z = [[np.cos(tilt), -np.sin(tilt), 0], [np.sin(tilt), np.cos(tilt), 0], [0, 0, 1]]
+        about_x = [[1, 0, 0], [0, np.cos(list_), -np.sin(list_)], [0, np.sin(list_), np.cos(list_)]]
+        about_y = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+        forward_up_right = np.array(about_z) @ about_x @ about_y
+        root = motion.root[frame, :3, :3]
+        np.testing.assert_allclose(forward_up_right, np.stack([root[:, 2], root[:, 1], -root[:, 0]], 1), atol=1e-5)
+
+
+def test_elbows_and_knees_are_the_angles_between_the_bones_whatever_the_mesh_rests_in(tmp_path):
+    """An actor who rests in an A-pose with bent elbows."""
+    character = make_actor()
+    motion = Motion.from_poses(character, dance(character.skeleton, np.arange(4) / 10), np.arange(4), np.arange(4) / 10)
+    with export(motion, tmp_path / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for frame, row in enumerate(rows):
+        at = dict(zip(motion.joint_names, motion.joints[frame].astype(float), strict=True))
+        for name, (a, b, c) in {
+            "l_elbow_flex_deg": ("l_shoulder", "l_elbow", "l_wrist"),
+            "r_knee_flex_deg": ("r_hip", "r_knee", "r_ankle"),
+        }.items():
+            upper, lower = at[b] - at[a], at[c] - at[b]
+            cosine = upper @ lower / np.linalg.norm(upper) / np.linalg.norm(lower)
+            assert float(row[name]) == pytest.approx(np.degrees(np.arccos(cosine)), abs=1.0)
+
+
+def test_csv_rows_are_frames_with_units_in_the_names(motion, tmp_path):
+    with export(motion, tmp_path / "dance.csv", units="cm").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["frame"]) for row in rows] == motion.frames.tolist()
+    np.testing.assert_allclose([float(row["seconds"]) for row in rows], motion.timestamps, atol=1e-6)
+    elbow = motion.joint_names.index("l_elbow")
+    places = [[float(row[f"l_elbow_{axis}_cm"]) for axis in "xyz"] for row in rows]
+    np.testing.assert_allclose(places, 100 * motion.joints[:, elbow], atol=1e-4)
+    np.testing.assert_allclose([float(r["l_elbow_confidence"]) for r in rows], motion.confidence[:, elbow], atol=1e-6)
+    turned = replace(motion, root=np.diag([-1.0, 1, -1, 1]) @ motion.root, joints=motion.joints * [-1, 1, -1])
+    with export(turned, tmp_path / "back.csv").open() as file:
+        back = list(csv.DictReader(file))
+    for one, other in zip(rows, back, strict=True):
+        assert abs(float(one["pelvis_turn_deg"]) - float(other["pelvis_turn_deg"])) == pytest.approx(180, abs=1e-3)
+        assert float(one["pelvis_tilt_deg"]) == pytest.approx(float(other["pelvis_tilt_deg"]), abs=1e-3)
+
+
+def test_parquet_is_the_same_table_and_states_its_units(motion, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = parquet.read_table(export(motion, tmp_path / "dance.parquet"))
+    with export(motion, tmp_path / "dance.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert table.column_names == list(rows[0])
+    knees = table.column("r_knee_flex_deg").to_pylist()
+    np.testing.assert_allclose(knees, [float(row["r_knee_flex_deg"]) for row in rows], atol=1e-5)
+    assert table.schema.metadata[b"units"] == b"m"
+    assert table.schema.metadata[b"frame_rate"] == b"varying"
+
+
+def test_parquet_without_pyarrow_says_what_to_install(motion, tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r"pip install 'jaxmocap\[parquet\]'"):
+        export(motion, tmp_path / "dance.parquet")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_colmap_is_read_back_as_the_same_cameras(motion, tmp_path):
+    folder = export(motion, tmp_path / "shot.colmap")
+    assert (folder / "images.txt").read_text().startswith("# units: m, up: y")
+    again = read_cameras(folder, motion.cameras.names, len(motion), frames=np.tile(motion.frames, (2, 1)))
+    np.testing.assert_allclose(again.cam_from_world, motion.cameras.cam_from_world, atol=1e-4)
+    np.testing.assert_allclose(again.intrinsics, motion.cameras.intrinsics, rtol=1e-6)
+    with pytest.raises(InputError, match="comes without any"):
+        export(replace(motion, cameras=None), tmp_path / "none.colmap")
