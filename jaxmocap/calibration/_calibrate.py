@@ -35,7 +35,7 @@ class Calibration:
     """Calibrated cameras over a capture's shared frames, in metres, and how they were found.
 
     `record` is what `calibration.json` holds, `poses` what `uncertainty.json` holds, `picture` the paths (RGB),
-    `files` the COLMAP model in the capture's units and axes by file name.
+    `files` the COLMAP model in the capture's units and axes by file name; `folder` is where they lie, once written.
     """
 
     cameras: Cameras
@@ -43,6 +43,7 @@ class Calibration:
     poses: dict[str, Any]
     picture: UInt8[np.ndarray, "height width 3"]
     files: Mapping[str, bytes]
+    folder: Path | None = None
 
     def save(self, folder: str | Path) -> None:
         """Write the model, `calibration.json`, `uncertainty.json` and `calibration.png` to a new folder, whole or not

@@ -1,5 +1,6 @@
 """Calibrating a capture on disk: a new folder with the cameras, and the line in `capture.toml` that names it."""
 
+import dataclasses
 import os
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,8 @@ from jaxmocap.motion import write_text
 from ._calibrate import Calibration, calibrate
 
 
-def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: Any) -> tuple[Calibration, Path]:
-    """Calibrate the capture at `path`, write the result beside it and name it in `capture.toml`; the folder written.
+def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: Any) -> Calibration:
+    """Calibrate the capture at `path`, write the result to a folder in it and name that in `capture.toml`.
 
     Raises `InputError` if `capture.toml` names cameras already, unless `replace`; the old ones stay where they are.
     `options` are those of `calibrate`.
@@ -32,7 +33,7 @@ def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: An
     calibration = calibrate(capture, **options)
     calibration.save(folder)
     write_text(file, with_cameras_line(_text(file), folder.name, file))
-    return calibration, folder
+    return dataclasses.replace(calibration, folder=folder)
 
 
 def _text(file: Path) -> str:
