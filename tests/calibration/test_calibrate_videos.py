@@ -28,7 +28,7 @@ def videos(tmp_path_factory) -> list[Path]:
 
 def sentence(arguments: list[object], capsys) -> str:
     assert run(["calibrate", *map(str, arguments)]) == 2
-    return [line for line in capsys.readouterr().err.splitlines() if line.startswith("jaxmocap: ")][0]
+    return next(line for line in capsys.readouterr().err.splitlines() if line.startswith("jaxmocap: "))
 
 
 @pytest.mark.slow
