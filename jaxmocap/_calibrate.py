@@ -6,9 +6,9 @@ from pathlib import Path
 
 from jaxmocap import calibration
 from jaxmocap._results import InputError
-from jaxmocap._synchronise import REPORT, new_capture
+from jaxmocap._synchronise import new_capture
 from jaxmocap.calibration import Calibration, calibrate_in_place
-from jaxmocap.capture import Capture, config_path, read_config
+from jaxmocap.capture import SYNC_REPORT, Capture, config_path, read_config
 
 
 def calibrate(
@@ -84,7 +84,7 @@ def _say_if_unsynchronised(path: str | Path, say: Callable[[str], None]) -> None
     """Frames are paired by time: say when nothing tells it. What is wrong with the file is said by who opens it."""
     file = config_path(path)
     config, _ = read_config(file)
-    if config is None or (file.parent / REPORT).exists():
+    if config is None or (file.parent / SYNC_REPORT).exists():
         return
     if not any("offset" in camera.model_fields_set for camera in config.camera):
         say(

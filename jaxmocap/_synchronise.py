@@ -6,10 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from jaxmocap._results import InputError
-from jaxmocap.capture import Synchronisation, SyncMethod, SyncPlan, plan_new_capture, plan_sync
+from jaxmocap.capture import SYNC_REPORT, Synchronisation, SyncMethod, SyncPlan, plan_new_capture, plan_sync
 from jaxmocap.motion import atomic_folder, atomic_path, write_json, write_text
-
-REPORT = "sync.json"
 
 
 def sync(
@@ -58,7 +56,7 @@ def new_capture(
         with atomic_folder(out) as partial:
             for name, video in plan.copies.items():
                 shutil.copyfile(video, partial / name)
-            write_json(partial / REPORT, plan.found.record())
+            write_json(partial / SYNC_REPORT, plan.found.record())
             write_text(partial / plan.file.name, plan.text)
             yield plan, partial
     except OSError as error:
@@ -68,7 +66,7 @@ def new_capture(
 def _complete(plan: SyncPlan) -> None:
     file = plan.file.resolve()  # a link stays a link
     try:
-        with atomic_path(plan.file.parent / REPORT) as report:
+        with atomic_path(plan.file.parent / SYNC_REPORT) as report:
             write_json(report, plan.found.record())
             write_text(file, plan.text)
     except OSError as error:

@@ -2,3 +2,4 @@
 
 from ._calibrate import Calibration as Calibration, calibrate as calibrate
 from ._in_place import calibrate_in_place as calibrate_in_place
+from ._picture import draw_cameras as draw_cameras, png_bytes as png_bytes

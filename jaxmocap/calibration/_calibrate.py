@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxmocap._results import InputError
-from jaxmocap.camera import Cameras, read_cameras
+from jaxmocap.camera import Cameras, look_at_point, read_cameras
 from jaxmocap.capture import Capture
 from jaxmocap.motion import atomic_folder, write_bytes, write_json
 
@@ -23,7 +23,7 @@ from ._measure import find_scale, known_bone_lengths, refuse_without_scale, subj
 from ._picture import draw_paths, png_bytes
 from ._record import Solved, make_record, pose_table
 from ._subject import triangulate_views
-from ._world import look_at_point, world_from_model
+from ._world import world_from_model
 
 Progress = Callable[[str, int, int], None]
 
@@ -120,7 +120,10 @@ def calibrate(
         )
     record = make_record(recorded, solved, scale, gravity, world, joints, time.perf_counter() - began)
     person = world.points(joints)
-    picture = draw_paths(recorded, solved, world, person)
+    interpolated = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
+    picture = draw_paths(
+        recorded, world.poses(solved.shared_poses()), world.points(solved.points), person, interpolated
+    )
     return Calibration(cameras, record, pose_table(recorded, solved, world), picture, files)
 
 

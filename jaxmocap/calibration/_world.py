@@ -30,13 +30,6 @@ class WorldFromModel(NamedTuple):
         return result
 
 
-def look_at_point(cam_from_world: Float[np.ndarray, "pose 4 4"]) -> Float[np.ndarray, "3"]:
-    """The point nearest to all optical axes: where the person is when keypoints do not tell."""
-    axes, centres = cam_from_world[:, 2, :3], camera_centres(cam_from_world)
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    return np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, centres), rcond=None)[0]
-
-
 def world_from_model(
     cam_from_model: Float[np.ndarray, "pose 4 4"],
     metres_per_unit: float,
