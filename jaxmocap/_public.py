@@ -11,7 +11,7 @@ from .capture import (
 )
 from ._synchronise import sync as sync
 from .camera import Cameras as Cameras, read_cameras as read_cameras, write_cameras as write_cameras
-from .calibration import Calibration as Calibration
+from .calibration import Calibration as Calibration, adopt_cameras as adopt_cameras
 from ._calibrate import calibrate as calibrate
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .appearance import Appearance as Appearance

@@ -9,6 +9,7 @@ from jaxmocap._results import InputError
 from jaxmocap._runtime import prepare
 
 from ._calibrate import calibrate
+from ._cameras import cameras
 from ._check import check
 from ._demo import demo
 from ._evaluate import evaluate
@@ -26,6 +27,7 @@ _COMMANDS = {
     "check": check,
     "sync": sync,
     "calibrate": calibrate,
+    "cameras": cameras,
     "segment": segment,
     "fit-character": fit_character,
     "register": register,

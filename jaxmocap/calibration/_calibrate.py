@@ -17,6 +17,7 @@ from jaxmocap.capture import Capture
 from jaxmocap.motion import atomic_folder, write_bytes, write_json
 
 from ._child import run_worker
+from ._gaps import refuse_gaps
 from ._gravity import find_gravity
 from ._job import as_recorded, footage_of, keypoints_of
 from ._measure import find_scale, known_bone_lengths, refuse_without_scale, subject_views
@@ -88,6 +89,8 @@ def calibrate(
         (work / "job.json").write_text(footage.to_json(), encoding="utf-8")
         run_worker("reconstruct", work, progress)
         solved = Solved.read(work / "result.npz", recorded, footage)
+        interpolated = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
+        refuse_gaps(recorded, interpolated)
         views = subject_views(recorded, solved, keypoints)
         scale = find_scale(solved, views, lengths, source, camera_distance)
         people = [triangulate_views(view) for view in views]
@@ -120,7 +123,6 @@ def calibrate(
         )
     record = make_record(recorded, solved, scale, gravity, world, joints, time.perf_counter() - began)
     person = world.points(joints)
-    interpolated = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
     picture = draw_paths(
         recorded, world.poses(solved.shared_poses()), world.points(solved.points), person, interpolated
     )
