@@ -43,6 +43,7 @@ from .track import (
     track as track,
     with_settings as with_settings,
 )
+from .calibration import RefinedCameras as RefinedCameras, refine_cameras as refine_cameras
 from .metrics import evaluate as evaluate
 from .viewers import contact_sheet as contact_sheet, draw_overlay as draw_overlay, overlay_videos as overlay_videos
 from ._pipeline import track_capture as track_capture

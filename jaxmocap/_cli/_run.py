@@ -14,6 +14,7 @@ from ._check import check
 from ._demo import demo
 from ._evaluate import evaluate
 from ._fit_character import fit_character
+from ._refine_cameras import refine_cameras
 from ._register import register
 from ._segment import segment
 from ._sync import sync
@@ -32,6 +33,7 @@ _COMMANDS = {
     "fit-character": fit_character,
     "register": register,
     "track": track,
+    "refine-cameras": refine_cameras,
     "evaluate": evaluate,
 }
 _DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.

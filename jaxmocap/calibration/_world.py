@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from ._gravity import Gravity
 from ._trajectory import camera_centres
@@ -28,6 +29,22 @@ class WorldFromModel(NamedTuple):
         result[..., :3, :3] = cam_from_model[..., :3, :3] @ self.rotation.T
         result[..., :3, 3] = self.scale * cam_from_model[..., :3, 3] - result[..., :3, :3] @ self.translation
         return result
+
+
+def same_world(before: Float[np.ndarray, "point 3"], after: Float[np.ndarray, "point 3"]) -> WorldFromModel:
+    """The similarity that brings points back to where they were (Umeyama 1991), without those that moved by themselves:
+    what an adjustment without fixed points adds to its answer."""
+    kept = np.ones(len(before), bool)
+    for _ in range(5):
+        one, other = before[kept], after[kept]
+        middles = one.mean(axis=0), other.mean(axis=0)
+        rotation, _ = Rotation.align_vectors(one - middles[0], other - middles[1])
+        turned = rotation.apply(other - middles[1])
+        scale = float(np.sum(turned * (one - middles[0])) / np.sum(turned**2))
+        found = WorldFromModel(scale, rotation.as_matrix(), middles[0] - scale * rotation.apply(middles[1]))
+        away = np.linalg.norm(found.points(after) - before, axis=1)
+        kept = away <= 3 * np.median(away) + 1e-12
+    return found
 
 
 def world_from_model(

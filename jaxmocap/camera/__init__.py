@@ -1,6 +1,7 @@
 """Cameras: calibrated views per frame, projection, triangulation, and calibration files."""
 
 from ._cameras import Cameras as Cameras, View as View
+from ._colmap import colmap_files as colmap_files
 from ._colmap_points import read_colmap_points as read_colmap_points
 from ._colmap_poses import ranges as ranges
 from ._colmap_write import write_colmap_text as write_colmap_text

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ def check_calibration(capture: Capture, cameras: Cameras, distance: float | None
     report = folder / "calibration.json"
     if not report.is_file():
         yield from _points(capture)
+        yield from _refinement(capture, folder / "refinement.json")
         return
     try:
         record = json.loads(report.read_text(encoding="utf-8"))
@@ -107,6 +109,29 @@ def _world(record: dict[str, Any], folder: str, has_picture: bool) -> Iterator[F
         yield Finding("warning", folder, str(warning))
     if has_picture:
         yield Finding("note", folder, f"{folder}/calibration.png shows the cameras' paths, the points and the person")
+
+
+def _refinement(capture: Capture, report: Path) -> Iterator[Finding]:
+    """What `refine-cameras` left, if it made this model."""
+    if not report.is_file():
+        return
+    try:
+        record = json.loads(report.read_text(encoding="utf-8"))
+        for name in capture.camera_names:
+            camera = record["cameras"][name]
+            yield Finding(
+                "note",
+                name,
+                f"{name} was refined with the tracked body, by {100 * camera['moved_m']:.1f} cm and "
+                f"{camera['turned_degrees']:.2f} degrees; its clock by {1000 * camera['late_seconds']:+.1f} ms, known "
+                f"to {1000 * camera['late_deviation_seconds']:.1f} ms",
+            )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        yield Finding(
+            "warning",
+            report.parent.name,
+            f"{report} is not what refine-cameras writes ({type(error).__name__}: {error}); remove it",
+        )
 
 
 def _points(capture: Capture) -> Iterator[Finding]:
