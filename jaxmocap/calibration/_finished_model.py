@@ -55,7 +55,7 @@ def replace_poses(folder: Path) -> None:
             camera = model.cameras[image.camera_id]
             parameters = np.array(camera.params)
             parameters[camera.focal_length_idxs()] *= factors[name]
-            camera.params = parameters
+            camera.params = parameters.tolist()
     for number in [number for number, point in model.points3D.items() if point.track.length() < 2]:
         model.delete_point3D(number)
     if model.num_points3D():

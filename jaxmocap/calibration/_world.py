@@ -38,7 +38,7 @@ def same_world(before: Float[np.ndarray, "point 3"], after: Float[np.ndarray, "p
     for _ in range(5):
         one, other = before[kept], after[kept]
         middles = one.mean(axis=0), other.mean(axis=0)
-        rotation, _ = Rotation.align_vectors(one - middles[0], other - middles[1])
+        rotation = Rotation.align_vectors(one - middles[0], other - middles[1])[0]
         turned = rotation.apply(other - middles[1])
         scale = float(np.sum(turned * (one - middles[0])) / np.sum(turned**2))
         found = WorldFromModel(scale, rotation.as_matrix(), middles[0] - scale * rotation.apply(middles[1]))

@@ -116,14 +116,14 @@ def errors(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:
 
 def test_a_capture_is_refined_in_place(world, film, capsys):
     folder, true = world
-    before = errors(jm.Capture.open(film).cameras.cam_from_world, true)
+    before = errors(np.asarray(jm.Capture.open(film).cameras.cam_from_world), true)
     old = {file: file.read_bytes() for file in (film / "cameras").iterdir()}
     arguments = ["refine-cameras", film, folder / "result", "--detections", folder / "detections", "--json"]
     assert run([str(argument) for argument in arguments]) == 0
     answer = json.loads(capsys.readouterr().out)
     capture = jm.Capture.open(film)
     assert capture.cameras_path == film / "cameras-2"
-    after = errors(capture.cameras.cam_from_world, true)
+    after = errors(np.asarray(capture.cameras.cam_from_world), true)
     assert after[0] < 0.3 * before[0]
     assert after[1] < 0.3 * before[1]
     assert capture.offsets[0] == 0
