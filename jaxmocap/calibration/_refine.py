@@ -25,6 +25,7 @@ from ._trajectory import camera_centres
 from ._world import same_world
 
 _ROUNDS = 3  # of weighing by what is left, which a wrong calibration makes too large at first
+_SURE = 2.0  # standard deviations by which an offset must differ to be changed
 _LATEST = 0.06  # seconds; more is no refinement
 
 
@@ -56,7 +57,8 @@ def refine(
 
     The background are the tracks of the capture's COLMAP model; a model without points, and static cameras from a file,
     are held, and only the offsets are refined. The body are keypoints that two cameras see at tracked frames, the
-    capture's or a folder of `detections`; each is a point that moves as the tracked joint moves. Raises `InputError`
+    capture's or a folder of `detections`; each is a point that moves as the tracked joint moves. An offset changes only
+    where it differs by more than two standard deviations. Raises `InputError`
     where the motion does not belong to the capture, and where there are too few keypoints.
     """
     began = time.perf_counter()
@@ -84,13 +86,15 @@ def refine(
     if has_background:
         poses = same_world(scene.points, state.points).poses(poses)
     factors = np.exp(adjusted.state.log_focal)
+    change = np.where(np.abs(late) > _SURE * deviation, late, 0.0)
+    new_offsets = tuple(offset + float(value) for offset, value in zip(capture.offsets, change, strict=True))
     record = {
         "format": 1,
         "cameras": {
             name: {
                 "late_seconds": round(float(late[index]), 5),
                 "late_deviation_seconds": round(float(deviation[index]), 5),
-                "offset_seconds": round(capture.offsets[index] + float(late[index]), 6),
+                "offset_seconds": round(new_offsets[index], 6),
                 "focal_factor": round(float(factors[index]), 5),
                 **_changes(scene, poses, index),
             }
@@ -101,9 +105,8 @@ def refine(
         "background_points": len(tracks.points),
         "seconds": round(time.perf_counter() - began, 1),
     }
-    offsets = tuple(offset + float(value) for offset, value in zip(capture.offsets, late, strict=True))
     cameras = _cameras(capture, tracks, scene.cam_from_world, poses, factors)
-    return RefinedCameras(cameras, offsets, record, tracks.names, poses, factors)
+    return RefinedCameras(cameras, new_offsets, record, tracks.names, poses, factors)
 
 
 def _residuals(scene: JointScene, adjusted: Adjusted) -> dict[str, list[float | None]]:
