@@ -149,7 +149,10 @@ def test_cameras_without_points_are_held_and_the_time_is_found(world, film):
     found = jm.refine_cameras(jm.Capture.open(film), folder / "result", detections=folder / "detections")
     assert found.names == ()
     np.testing.assert_allclose(found.cameras.cam_from_world, jm.Capture.open(film).cameras.cam_from_world, atol=1e-5)
-    assert found.offsets[1] == pytest.approx(LATE, abs=0.005)
+    second = found.record["cameras"]["cam1"]
+    assert second["late_seconds"] == pytest.approx(LATE, abs=0.005)
+    sure = second["late_seconds"] > 2 * second["late_deviation_seconds"]  # the held cameras are wrong, which it shows
+    assert found.offsets[1] == pytest.approx(second["late_seconds"] if sure else 0.0, abs=1e-4)
 
 
 def test_what_does_not_belong_together_is_refused(world, film, tmp_path, capsys):
