@@ -11,7 +11,8 @@ from .capture import (
 )
 from ._synchronise import sync as sync
 from .camera import Cameras as Cameras, read_cameras as read_cameras, write_cameras as write_cameras
-from .calibration import Calibration as Calibration, calibrate as calibrate
+from .calibration import Calibration as Calibration, adopt_cameras as adopt_cameras
+from ._calibrate import calibrate as calibrate
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .appearance import Appearance as Appearance
 from .observation import Observations as Observations, fit_capture_appearance as fit_capture_appearance
@@ -42,6 +43,7 @@ from .track import (
     track as track,
     with_settings as with_settings,
 )
+from .calibration import RefinedCameras as RefinedCameras, refine_cameras as refine_cameras
 from .metrics import evaluate as evaluate
 from .exporters import export as export
 from .importers import read_motion as read_motion

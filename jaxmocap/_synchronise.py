@@ -1,14 +1,13 @@
 """Synchronising a capture: `capture.toml` is completed in place, or made from a list of videos."""
 
+import contextlib
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from jaxmocap._results import InputError
-from jaxmocap.capture import Synchronisation, SyncMethod, SyncPlan, plan_new_capture, plan_sync
+from jaxmocap.capture import SYNC_REPORT, Synchronisation, SyncMethod, SyncPlan, plan_new_capture, plan_sync
 from jaxmocap.motion import atomic_folder, atomic_path, write_json, write_text
-
-REPORT = "sync.json"
 
 
 def sync(
@@ -36,31 +35,39 @@ def sync(
         plan = plan_sync(capture[0] if several else capture, method, progress)
         _complete(plan)
     else:
-        out = Path(out)
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            raise InputError(f"{out} exists already; choose a new folder for the capture")
-        plan = plan_new_capture(list(capture) if several else [capture], out, method, progress)
-        _create(plan)
+        with new_capture(list(capture) if several else [capture], Path(out), method, progress) as (plan, _):
+            pass
     return plan.found
+
+
+@contextlib.contextmanager
+def new_capture(
+    videos: Sequence[str | Path],
+    out: Path,
+    method: SyncMethod = "auto",
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Iterator[tuple[SyncPlan, Path]]:
+    """Synchronise videos and copy them into a capture that becomes `out` when the block ends well, and vanishes when it
+    raises; what was found, and the folder in which the block may complete it."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out} exists already; choose a new folder for the capture")
+    plan = plan_new_capture(videos, out, method, progress)
+    try:
+        with atomic_folder(out) as partial:
+            for name, video in plan.copies.items():
+                shutil.copyfile(video, partial / name)
+            write_json(partial / SYNC_REPORT, plan.found.record())
+            write_text(partial / plan.file.name, plan.text)
+            yield plan, partial
+    except OSError as error:
+        raise InputError(f"the capture folder {out} cannot be written: {error.strerror}") from error
 
 
 def _complete(plan: SyncPlan) -> None:
     file = plan.file.resolve()  # a link stays a link
     try:
-        with atomic_path(plan.file.parent / REPORT) as report:
+        with atomic_path(plan.file.parent / SYNC_REPORT) as report:
             write_json(report, plan.found.record())
             write_text(file, plan.text)
     except OSError as error:
         raise InputError(f"{plan.file} cannot be written: {error.strerror}; nothing was changed") from error
-
-
-def _create(plan: SyncPlan) -> None:
-    folder = plan.file.parent
-    try:
-        with atomic_folder(folder) as partial:
-            for name, video in plan.copies.items():
-                shutil.copyfile(video, partial / name)
-            write_json(partial / REPORT, plan.found.record())
-            write_text(partial / plan.file.name, plan.text)
-    except OSError as error:
-        raise InputError(f"the capture folder {folder} cannot be written: {error.strerror}") from error

@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "jaxmocap"
 ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
-    ("_pipeline",),
+    ("_pipeline", "_calibrate"),
     ("_complete", "_synchronise"),
     ("baselines",),
     ("exporters", "importers", "metrics", "viewers"),

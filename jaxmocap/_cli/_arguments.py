@@ -11,6 +11,23 @@ from jaxmocap._results import InputError
 CapturePath = Annotated[
     Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAPTURE", help="Capture folder, or its capture.toml.")
 ]
+CaptureOrVideos = Annotated[
+    tuple[Path, ...],
+    tyro.conf.Positional,
+    tyro.conf.arg(
+        metavar="CAPTURE",
+        help="Capture folder, or its capture.toml; with --out two or more videos.",
+        help_behavior_hint="",
+    ),
+]
+NewCapture = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="DIR",
+        help="New capture folder for a list of videos.",
+        help_behavior_hint="(default: complete the capture in place)",
+    ),
+]
 FrameSpan = Annotated[
     str | None,
     tyro.conf.arg(

@@ -8,12 +8,13 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import CapturePath, Json, Seed
-from ._output import progress, show
+from ._arguments import CaptureOrVideos, Json, NewCapture, Seed
+from ._output import progress, say, show
 
 
 def calibrate(
-    capture: CapturePath,
+    capture: CaptureOrVideos,
+    out: NewCapture = None,
     height: Annotated[
         float | None,
         tyro.conf.arg(
@@ -54,13 +55,16 @@ def calibrate(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """Find the poses and lenses of moving cameras from their videos, and complete capture.toml."""
-    from jaxmocap.calibration import calibrate_in_place
+    """Find the poses and lenses of moving cameras from their videos, and complete capture.toml.
+
+    A list of videos with --out is synchronised first, and becomes a new capture; --camera-distance tells its scale."""
+    from jaxmocap._calibrate import calibrate
 
     lengths = _focal_lengths(focal)
     with progress() as report:
-        calibration, folder = calibrate_in_place(
+        calibration = calibrate(
             capture,
+            out,
             replace=replace,
             height=height,
             camera_distance=camera_distance,
@@ -68,8 +72,11 @@ def calibrate(
             focal=lengths,
             key_step=key_step,
             seed=seed,
+            say=say,
             progress=report,
         )
+    folder = calibration.folder
+    assert folder is not None
     show({"folder": folder, **calibration.record}, lambda: _table(calibration.record, folder), json_wanted=json)
     return 0
 

@@ -1,15 +1,16 @@
 """`jaxmocap check`: everything that is wrong with a capture, at once."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+import tyro
 from rich.table import Table
 from rich.text import Text
 
 from jaxmocap._results import InputError
 
 from ._arguments import CapturePath, Json
-from ._output import show
+from ._output import say, show
 
 if TYPE_CHECKING:
     from jaxmocap.capture import Finding
@@ -17,11 +18,39 @@ if TYPE_CHECKING:
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 
-def check(capture: CapturePath, json: Json = False) -> int:
+def check(
+    capture: CapturePath,
+    picture: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.png",
+            help="Draw the cameras' paths, the points and the person, from above and from the side.",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    json: Json = False,
+) -> int:
     """Say everything that is wrong with a capture, before tracking. Exits with 2 if there are errors."""
+    if picture is not None:
+        _draw(capture, picture)
     findings = examine(capture)
     show([vars(finding) for finding in findings], lambda: findings_table(findings, capture), json_wanted=json)
     return 2 if any(finding.severity == "error" for finding in findings) else 0
+
+
+def _draw(path: Path, file: Path) -> None:
+    from jaxmocap.calibration import draw_cameras, png_bytes
+    from jaxmocap.capture import Capture
+    from jaxmocap.motion import write_bytes
+
+    if file.suffix.lower() != ".png":
+        raise InputError(f"--picture is {file}; a file name that ends in .png was expected")
+    image = draw_cameras(Capture.open(path))
+    try:
+        write_bytes(file, png_bytes(image))
+    except OSError as error:
+        raise InputError(f"{file} cannot be written: {error.strerror}") from error
+    say(f"{file} shows the cameras.")
 
 
 def examine(path: Path) -> "list[Finding]":

@@ -9,12 +9,14 @@ from jaxmocap._results import InputError
 from jaxmocap._runtime import prepare
 
 from ._calibrate import calibrate
+from ._cameras import cameras
 from ._check import check
 from ._demo import demo
 from ._evaluate import evaluate
 from ._export import export
 from ._fit_character import fit_character
 from ._read_motion import read_motion
+from ._refine_cameras import refine_cameras
 from ._register import register
 from ._segment import segment
 from ._sync import sync
@@ -28,10 +30,12 @@ _COMMANDS = {
     "check": check,
     "sync": sync,
     "calibrate": calibrate,
+    "cameras": cameras,
     "segment": segment,
     "fit-character": fit_character,
     "register": register,
     "track": track,
+    "refine-cameras": refine_cameras,
     "evaluate": evaluate,
     "export": export,
     "read-motion": read_motion,

@@ -1,12 +1,11 @@
 """`jaxmocap sync`: when each video started."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from rich.table import Table
 
-from ._arguments import Json
+from ._arguments import CaptureOrVideos, Json, NewCapture
 from ._output import progress, say, show
 
 if TYPE_CHECKING:
@@ -14,23 +13,8 @@ if TYPE_CHECKING:
 
 
 def sync(
-    capture: Annotated[
-        tuple[Path, ...],
-        tyro.conf.Positional,
-        tyro.conf.arg(
-            metavar="CAPTURE",
-            help="Capture folder, or its capture.toml; with --out two or more videos.",
-            help_behavior_hint="",
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="DIR",
-            help="New capture folder for a list of videos.",
-            help_behavior_hint="(default: complete the capture in place)",
-        ),
-    ] = None,
+    capture: CaptureOrVideos,
+    out: NewCapture = None,
     method: Annotated[
         Literal["auto", "flash", "sound", "motion"],
         tyro.conf.arg(help="What to go by; auto asks all and says where they disagree."),

@@ -12,18 +12,19 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxmocap._results import InputError
-from jaxmocap.camera import Cameras, read_cameras
+from jaxmocap.camera import Cameras, look_at_point, read_cameras
 from jaxmocap.capture import Capture
 from jaxmocap.motion import atomic_folder, write_bytes, write_json
 
 from ._child import run_worker
+from ._gaps import refuse_gaps
 from ._gravity import find_gravity
 from ._job import as_recorded, footage_of, keypoints_of
 from ._measure import find_scale, known_bone_lengths, refuse_without_scale, subject_views
 from ._picture import draw_paths, png_bytes
 from ._record import Solved, make_record, pose_table
 from ._subject import triangulate_views
-from ._world import look_at_point, world_from_model
+from ._world import world_from_model
 
 Progress = Callable[[str, int, int], None]
 
@@ -35,7 +36,7 @@ class Calibration:
     """Calibrated cameras over a capture's shared frames, in metres, and how they were found.
 
     `record` is what `calibration.json` holds, `poses` what `uncertainty.json` holds, `picture` the paths (RGB),
-    `files` the COLMAP model in the capture's units and axes by file name.
+    `files` the COLMAP model in the capture's units and axes by file name; `folder` is where they lie, once written.
     """
 
     cameras: Cameras
@@ -43,6 +44,7 @@ class Calibration:
     poses: dict[str, Any]
     picture: UInt8[np.ndarray, "height width 3"]
     files: Mapping[str, bytes]
+    folder: Path | None = None
 
     def save(self, folder: str | Path) -> None:
         """Write the model, `calibration.json`, `uncertainty.json` and `calibration.png` to a new folder, whole or not
@@ -87,6 +89,8 @@ def calibrate(
         (work / "job.json").write_text(footage.to_json(), encoding="utf-8")
         run_worker("reconstruct", work, progress)
         solved = Solved.read(work / "result.npz", recorded, footage)
+        interpolated = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
+        refuse_gaps(recorded, interpolated)
         views = subject_views(recorded, solved, keypoints)
         scale = find_scale(solved, views, lengths, source, camera_distance)
         people = [triangulate_views(view) for view in views]
@@ -119,7 +123,9 @@ def calibrate(
         )
     record = make_record(recorded, solved, scale, gravity, world, joints, time.perf_counter() - began)
     person = world.points(joints)
-    picture = draw_paths(recorded, solved, world, person)
+    picture = draw_paths(
+        recorded, world.poses(solved.shared_poses()), world.points(solved.points), person, interpolated
+    )
     return Calibration(cameras, record, pose_table(recorded, solved, world), picture, files)
 
 

@@ -86,5 +86,5 @@ def _no_model(footage: Footage, best: pycolmap.Reconstruction | None) -> str:
     )
     return (
         f"the cameras cannot be calibrated together: too few key frames could be placed ({found}); more background "
-        "that both see is needed, or more frames: try --key-step 2."
+        "that both see is needed, videos without cuts, or more frames: try --key-step 2."
     )

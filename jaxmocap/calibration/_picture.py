@@ -1,30 +1,33 @@
 """A picture of the cameras' paths, the points and the person: from above and from the side."""
 
+from collections.abc import Collection
+
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from jaxmocap.capture import Capture
-
-from ._record import Solved
-from ._world import WorldFromModel
+from jaxmocap.camera import read_colmap_points
+from jaxmocap.capture import Capture, triangulated_people
 
 _SIZE = 700
 _COLOURS = ((230, 60, 40), (40, 110, 230), (30, 160, 60), (200, 120, 0), (140, 60, 200))
 
 
 def draw_paths(
-    capture: Capture, solved: Solved, world: WorldFromModel, person: Float[np.ndarray, "joint 3"]
+    capture: Capture,
+    poses: Float[np.ndarray, "camera frame 4 4"],
+    points: Float[np.ndarray, "point 3"],
+    person: Float[np.ndarray, "joint 3"],
+    interpolated: Collection[tuple[int, int]] = (),
 ) -> UInt8[np.ndarray, "height width 3"]:
     """RGB; left from above, right from the side, both in metres with a bar of one metre. Points are grey, the person's
-    joints black; every tenth pose has a stroke that shows where it looks; interpolated poses are rings."""
-    poses, points = world.poses(solved.shared_poses()), world.points(solved.points)
+    joints black; every tenth pose has a stroke that shows where it looks; poses `interpolated` (camera, frame of its
+    own video) are rings."""
     centres = -np.einsum("ctji,ctj->cti", poses[..., :3, :3], poses[..., :3, 3])
     above = np.array([[1, 0, 0], [0, 0, 1]] if capture.up == "y" else [[1, 0, 0], [0, -1, 0]], float)
     side = np.array([[1, 0, 0], [0, -1, 0]] if capture.up == "y" else [[1, 0, 0], [0, 0, -1]], float)
     content = np.concatenate([centres.reshape(-1, 3), person.reshape(-1, 3), np.zeros((1, 3))])
     low, high = content.min(0) - 1.0, content.max(0) + 1.0
-    lost = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
     panels = []
     for title, axes in (("from above", above), ("from the side", side)):
         corners = np.sort(np.stack([axes @ low, axes @ high]), axis=0)
@@ -47,7 +50,7 @@ def draw_paths(
                 ahead = pixel(centres[camera, frame] + 0.4 * poses[camera, frame, 2, :3])
                 cv2.line(image, tuple(map(int, path[frame])), ahead, colour, 1, cv2.LINE_AA)
             for frame in range(len(path)):
-                if (camera, int(capture.video_frames[camera, frame])) in lost:
+                if (camera, int(capture.video_frames[camera, frame])) in interpolated:
                     cv2.circle(image, tuple(map(int, path[frame])), 5, colour, 1, cv2.LINE_AA)
             cv2.putText(image, name, (12, 60 + 24 * camera), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 2, cv2.LINE_AA)
         cv2.putText(image, title, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 1, cv2.LINE_AA)
@@ -55,6 +58,18 @@ def draw_paths(
         cv2.putText(image, "1 m", (12, _SIZE - 28), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
         panels.append(image)
     return np.concatenate(panels, axis=1)
+
+
+def draw_cameras(capture: Capture) -> UInt8[np.ndarray, "height width 3"]:
+    """The picture of `draw_paths` for a capture that has cameras: with the points of its COLMAP model, and the person's
+    joints where keypoints are seen in two views. Raises `InputError` if there are no cameras."""
+    cameras, folder = capture.cameras, capture.cameras_path
+    people = triangulated_people(capture, cameras, [])
+    joints = np.concatenate([points[np.isfinite(points).all(1)] for points in people.values()] or [np.zeros((0, 3))])
+    points = np.zeros((0, 3))
+    if folder is not None and folder.is_dir():
+        points = capture.metres_per_unit * read_colmap_points(folder)[0]
+    return draw_paths(capture, np.asarray(cameras.cam_from_world, float), points, joints)
 
 
 def png_bytes(image: UInt8[np.ndarray, "height width 3"]) -> bytes:

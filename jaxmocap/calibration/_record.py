@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from jaxmocap.camera import ViewGeometry, describe_views, look_at_point, view_geometry
 from jaxmocap.capture import Capture
 
 from ._footage import Footage
-from ._geometry import ViewGeometry, sentence, view_geometry
 from ._gravity import Gravity
 from ._subject import Scale
-from ._world import WorldFromModel, look_at_point
+from ._world import WorldFromModel
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def make_record(
             "least_angle_degrees": round(worst.angle, 1),
             "across_m_per_pixel": round(middle.across, 5),
             "depth_m_per_pixel": round(middle.depth, 5),
-            "sentence": sentence(middle),
+            "sentence": describe_views(middle),
         },
         "warnings": warnings,
         "seconds": round(seconds, 1),

@@ -2,7 +2,8 @@
 
 `python -m jaxmocap.calibration._worker reconstruct FOLDER` reads `FOLDER/job.json`, writes `FOLDER/model` (COLMAP,
 binary) and `FOLDER/result.npz`, and reports progress as JSON lines on standard output. Exit code 2 with a line
-`{"error": ...}` means that the footage cannot be used. `transform` then moves the model into the metric world.
+`{"error": ...}` means that the footage cannot be used. `transform` then moves the model into the metric world; `tracks`
+reads a finished model out and `poses` replaces its poses.
 """
 
 import json
@@ -16,6 +17,7 @@ import pycolmap
 from jaxmocap._results import InputError
 
 from ._adjust import adjust, median_depth, observations
+from ._finished_model import read_tracks, replace_poses
 from ._footage import Footage
 from ._mapping import map_key_frames
 from ._matching import Report, match_key_frames
@@ -145,15 +147,18 @@ def transform(folder: Path) -> None:
     reconstruction.write_binary(folder / "cameras")
 
 
+_SHORT = {"transform": transform, "tracks": read_tracks, "poses": replace_poses}
+
+
 def _tell(**message: object) -> None:
     print(json.dumps(message), file=sys.__stdout__, flush=True)
 
 
 def main(task: str, folder: Path) -> int:
-    """Do the task, `reconstruct` or `transform`, in `folder`; the exit code."""
+    """Do the task, `reconstruct` or one of the short ones, in `folder`; the exit code."""
     pycolmap.logging.minloglevel = 2
-    if task == "transform":
-        transform(folder)
+    if task in _SHORT:
+        _SHORT[task](folder)
         return 0
     footage = Footage.from_file(folder / "job.json")
     try:

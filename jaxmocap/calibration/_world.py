@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from ._gravity import Gravity
 from ._trajectory import camera_centres
@@ -30,11 +31,20 @@ class WorldFromModel(NamedTuple):
         return result
 
 
-def look_at_point(cam_from_world: Float[np.ndarray, "pose 4 4"]) -> Float[np.ndarray, "3"]:
-    """The point nearest to all optical axes: where the person is when keypoints do not tell."""
-    axes, centres = cam_from_world[:, 2, :3], camera_centres(cam_from_world)
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    return np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, centres), rcond=None)[0]
+def same_world(before: Float[np.ndarray, "point 3"], after: Float[np.ndarray, "point 3"]) -> WorldFromModel:
+    """The similarity that brings points back to where they were (Umeyama 1991), without those that moved by themselves:
+    what an adjustment without fixed points adds to its answer."""
+    kept = np.ones(len(before), bool)
+    for _ in range(5):
+        one, other = before[kept], after[kept]
+        middles = one.mean(axis=0), other.mean(axis=0)
+        rotation = Rotation.align_vectors(one - middles[0], other - middles[1])[0]
+        turned = rotation.apply(other - middles[1])
+        scale = float(np.sum(turned * (one - middles[0])) / np.sum(turned**2))
+        found = WorldFromModel(scale, rotation.as_matrix(), middles[0] - scale * rotation.apply(middles[1]))
+        away = np.linalg.norm(found.points(after) - before, axis=1)
+        kept = away <= 3 * np.median(away) + 1e-12
+    return found
 
 
 def world_from_model(

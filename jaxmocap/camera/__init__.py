@@ -1,8 +1,16 @@
 """Cameras: calibrated views per frame, projection, triangulation, and calibration files."""
 
 from ._cameras import Cameras as Cameras, View as View
+from ._colmap import colmap_files as colmap_files
+from ._colmap_points import read_colmap_points as read_colmap_points
 from ._colmap_poses import ranges as ranges
 from ._colmap_write import write_colmap_text as write_colmap_text
 from ._projection import pixel_rays as pixel_rays, project as project, triangulate as triangulate
 from ._read import examine_cameras as examine_cameras, read_cameras as read_cameras
+from ._view_geometry import (
+    ViewGeometry as ViewGeometry,
+    describe_views as describe_views,
+    look_at_point as look_at_point,
+    view_geometry as view_geometry,
+)
 from ._write import FORMATS as FORMATS, write_cameras as write_cameras

@@ -92,8 +92,8 @@ def read_colmap(cameras_file: Path, images_file: Path) -> ColmapModel:
                     f"{_LARGEST_FILE // 2**20} MB: export it without points"
                 )
         if cameras_file.suffix == ".bin":
-            cameras = _binary_cameras(_Bytes(cameras_file.read_bytes(), labels[0]))
-            images = _binary_images(_Bytes(images_file.read_bytes(), labels[1]))
+            cameras = _binary_cameras(BoundedBytes(cameras_file.read_bytes(), labels[0]))
+            images = _binary_images(BoundedBytes(images_file.read_bytes(), labels[1]))
         else:
             cameras = _text_cameras(cameras_file.read_text(encoding="utf-8"), labels[0])
             images = _text_images(images_file.read_text(encoding="utf-8"), labels[1])
@@ -171,7 +171,7 @@ def _text_images(text: str, label: str) -> list[ColmapImage]:
     return images
 
 
-class _Bytes:
+class BoundedBytes:
     """A cursor over a binary file that never reads past its end and never trusts a count."""
 
     def __init__(self, data: bytes, label: str):
@@ -208,7 +208,7 @@ class _Bytes:
         return raw.decode("utf-8", errors="replace")
 
 
-def _binary_cameras(data: _Bytes) -> dict[int, ColmapCamera]:
+def _binary_cameras(data: BoundedBytes) -> dict[int, ColmapCamera]:
     cameras = {}
     for _ in range(data.count("cameras", 48)):
         camera_id, model_id, width, height = data.take("<IiQQ")
@@ -221,7 +221,7 @@ def _binary_cameras(data: _Bytes) -> dict[int, ColmapCamera]:
     return cameras
 
 
-def _binary_images(data: _Bytes) -> list[ColmapImage]:
+def _binary_images(data: BoundedBytes) -> list[ColmapImage]:
     images = []
     for _ in range(data.count("images", 73)):
         _, *pose, camera_id = data.take("<I7dI")

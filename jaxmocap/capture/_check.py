@@ -10,9 +10,12 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, examine_cameras
 
 from ._capture import Capture, build
-from ._check_geometry import check_paths, check_subject
+from ._check_calibration import check_calibration
+from ._check_geometry import check_paths, check_triangulated, triangulated_people
 from ._check_people import check_keypoints, check_masks
+from ._check_sync import check_sync
 from ._check_videos import check_videos
+from ._check_views import check_shared_frames, check_views
 from ._choose_frames import choose_frames
 from ._config import CaptureConfig, config_path, read_config
 from ._consistency import missing_files
@@ -88,6 +91,22 @@ def _chosen_frames(capture: Capture, cameras: Cameras) -> Finding:
     return Finding("note", "selected_frames", f"none are given; {frames} would be chosen: {chosen.reason}")
 
 
+def _about_person(capture: Capture, cameras: Cameras) -> list[Finding]:
+    """What needs to know where the person is: size, place in the pictures, depth, what the poses' errors do there."""
+    findings: list[Finding] = []
+    people = _attempt(findings, "keypoints", lambda: triangulated_people(capture, cameras, findings)) or {}
+    if people:
+        findings += check_triangulated(cameras, people)
+    distance = None
+    if people:
+        centres = np.asarray(cameras.centres(), float)
+        distance = max(
+            float(np.linalg.norm(centres[:, frame] - np.nanmedian(points, axis=0), axis=-1).max())
+            for frame, points in people.items()
+        )
+    return [*findings, *check_views(capture, cameras, people), *check_calibration(capture, cameras, distance)]
+
+
 def check(path: str | Path) -> list[Finding]:
     """Everything that is wrong or worth knowing about a capture, errors first; nothing stops at the first problem.
 
@@ -111,17 +130,19 @@ def check(path: str | Path) -> list[Finding]:
     if len(config.camera) == 1:
         findings.append(Finding("warning", "videos", "there is one camera; depth needs two or three"))
     findings += check_videos(config, indices)
+    findings += check_sync(file, config)
     capture = _build_what_can_be(file, config, indices, findings)
     if capture is not None:
         findings += [finding for finding in capture.findings if finding not in findings]
         cameras = _cameras(capture, findings)
         findings += check_keypoints(capture)
         findings += check_masks(capture)
+        findings += check_shared_frames(capture)
         if cameras is not None:
             findings += check_paths(capture, cameras)
+            findings += _about_person(capture, cameras)
             if config.selected_frames is None and capture.keypoints_folder is not None:
                 note = _attempt(findings, "keypoints", lambda: _chosen_frames(capture, cameras))
                 findings += [] if note is None else [note]
-            findings += _attempt(findings, "keypoints", lambda: check_subject(capture, cameras)) or []
     order = {"error": 0, "warning": 1, "note": 2}
     return sorted(findings, key=lambda finding: order[finding.severity])

@@ -1,6 +1,6 @@
 """Checks that need cameras: their paths, and whether keypoints seen through them make a person of human size."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import combinations
 
 import jax
@@ -151,35 +151,29 @@ def _points_at(
     return points if np.isfinite(points).any() else None
 
 
-def _angle_findings(angles: list[float]) -> Iterator[Finding]:
-    if not angles:
-        return
-    angle = min(angles)
-    if angle < _SMALLEST_ANGLE:
-        ratio = 1 / np.tan(np.radians(max(angle, 0.1)) / 2)
-        yield Finding(
-            "warning",
-            "cameras",
-            f"the cameras see the person from directions only {angle:.1f} degrees apart; depth is about {ratio:.0f} "
-            "times less certain than position across the view: place the cameras farther apart",
-        )
-    else:
-        yield Finding("note", "cameras", f"the cameras see the person from directions {angle:.0f} degrees apart")
+def triangulated_people(
+    capture: Capture, cameras: Cameras, findings: list[Finding]
+) -> dict[int, Float[np.ndarray, "25 3"]]:
+    """The triangulated keypoints by frame, where they can be used; what is wrong with the others is put into
+    `findings`."""
+    found = {frame: _points_at(capture, cameras, frame, findings) for frame in _frames_to_try(capture)}
+    return {frame: points for frame, points in found.items() if points is not None}
 
 
 def check_subject(capture: Capture, cameras: Cameras) -> list[Finding]:
-    """Triangulates the keypoints: residuals, side of the camera, view angle, height of the person, and whether it is
-    inside out."""
+    """Triangulates the keypoints: residuals, side of the camera, height of the person, and whether it is inside out."""
     findings: list[Finding] = []
-    people, statures, angles = [], [], []
-    for frame in _frames_to_try(capture):
-        points = _points_at(capture, cameras, frame, findings)
-        if points is None:
-            continue
-        people.append(points)
-        statures.append(_stature(points))
+    people = triangulated_people(capture, cameras, findings)
+    return [*findings, *check_triangulated(cameras, people)]
+
+
+def check_triangulated(cameras: Cameras, people: Mapping[int, Float[np.ndarray, "25 3"]]) -> list[Finding]:
+    """What the triangulated keypoints tell together."""
+    angles = []
+    for frame, points in people.items():
         rays = np.nanmedian(points, axis=0) - np.asarray(cameras.centres()[:, frame])
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         angles.append(max(float(np.degrees(np.arccos(np.clip(a @ b, -1, 1)))) for a, b in combinations(rays, 2)))
-    findings += handedness_findings(people, trusted=min(angles, default=0.0) >= _SMALLEST_ANGLE)
-    return [*findings, *_size_findings(statures, "cameras"), *_angle_findings(angles)]
+    trusted = min(angles, default=0.0) >= _SMALLEST_ANGLE
+    turned = handedness_findings(list(people.values()), trusted=trusted)
+    return [*turned, *_size_findings([_stature(points) for points in people.values()], "cameras")]

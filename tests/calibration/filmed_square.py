@@ -100,3 +100,13 @@ def film(folder: Path, poses: np.ndarray) -> Path:
         write_video(folder / f"cam{camera}.mp4", len(path), lambda number, path=path: picture(path[number]))
     (folder / "capture.toml").write_text(TOML, encoding="utf-8")
     return folder
+
+
+def film_with_flash(path: Path, poses: np.ndarray, flash: int) -> Path:
+    """A video of these poses in which a lamp lights the square for one frame."""
+
+    def image(number: int) -> np.ndarray:
+        light = 70 if number == flash else 0
+        return np.clip(picture(poses[number]).astype(int) * 0.7 + light, 0, 255).astype(np.uint8)
+
+    return write_video(path, len(poses), image)

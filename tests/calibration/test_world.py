@@ -5,10 +5,10 @@ import pytest
 from moving_cameras import MATRIX, centres_of, moved_world, paths, project
 from scipy.spatial.transform import Rotation
 
-from jaxmocap.calibration._geometry import sentence, view_geometry
 from jaxmocap.calibration._gravity import find_gravity, ground_plane, up_from_cameras
 from jaxmocap.calibration._subject import SubjectView, fit_scale, triangulate_views
 from jaxmocap.calibration._world import world_from_model
+from jaxmocap.camera import describe_views, view_geometry
 from jaxmocap.capture import KEYPOINT_NAMES
 from jaxmocap.metrics._similarity import align_cameras
 
@@ -162,5 +162,5 @@ def test_depth_gets_worse_as_the_cameras_come_together():
         assert found.across == pytest.approx(4 / FOCAL / np.sqrt(2))
         assert found.depth == pytest.approx(4 / FOCAL / np.sqrt(2) / np.sin(half))
         errors[angle] = found.depth
-        assert f"{angle:.0f} degrees" in sentence(found)
+        assert f"{angle:.0f} degrees" in describe_views(found)
     assert 9 < errors[5.0] / errors[50.0] < 11

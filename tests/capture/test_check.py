@@ -184,7 +184,7 @@ def _retake(small: Path, poses: dict[str, np.ndarray], points: np.ndarray = PERS
 
 def test_a_narrow_view_angle_is_a_warning_with_its_price(small: Path):
     _retake(small, {"cam0": look_at_pose(-2.5), "cam1": look_at_pose(2.5)})
-    assert _said(check(small), "warning", "only 5.", "apart", "depth is about 2")
+    assert _said(check(small), "warning", "directions 5.0 degrees apart", "23 times as much")
 
 
 def test_a_keypoint_on_which_the_cameras_disagree_is_named_with_its_frame(small: Path):

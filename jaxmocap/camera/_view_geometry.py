@@ -6,8 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ._trajectory import camera_centres
-
 
 class ViewGeometry(NamedTuple):
     """At the person: the largest angle between two cameras, degrees; the standard deviation in metres of a point seen
@@ -17,6 +15,11 @@ class ViewGeometry(NamedTuple):
     across: float
     depth: float
 
+    @property
+    def ratio(self) -> float:
+        """How many times worse depth is than position across the view."""
+        return self.depth / self.across
+
 
 def view_geometry(
     focal: Float[np.ndarray, " camera"],
@@ -24,7 +27,7 @@ def view_geometry(
     subject: Float[np.ndarray, "3"],
 ) -> ViewGeometry:
     """The geometry at one instant; depth is infinite for cameras in one line with the person."""
-    rays = subject - camera_centres(cam_from_world)
+    rays = subject - _centres(cam_from_world)
     distances = np.linalg.norm(rays, axis=1)
     rays = rays / distances[:, None]
     angles = [np.degrees(np.arccos(np.clip(a @ b, -1, 1))) for a, b in combinations(rays, 2)]
@@ -35,11 +38,10 @@ def view_geometry(
     return ViewGeometry(float(max(angles, default=0.0)), float(1 / np.sqrt(values[-1])), float(worst))
 
 
-def sentence(geometry: ViewGeometry) -> str:
+def describe_views(geometry: ViewGeometry) -> str:
     """What the angle means, in words."""
     if not np.isfinite(geometry.depth):
         return "the cameras see the person from one direction only: depth cannot be measured; place them apart."
-    ratio = geometry.depth / geometry.across
     advice = (
         "place them 30 to 90 degrees apart"
         if geometry.angle < 15
@@ -49,6 +51,17 @@ def sentence(geometry: ViewGeometry) -> str:
     )
     return (
         f"the cameras see the person from directions {geometry.angle:.0f} degrees apart: a pixel of error is "
-        f"{100 * geometry.across:.1f} cm across and {100 * geometry.depth:.1f} cm in depth ({ratio:.1f} times as much; "
-        f"two cameras 50 degrees apart have 2.4 times, 5 degrees apart 23 times): {advice}."
+        f"{100 * geometry.across:.1f} cm across and {100 * geometry.depth:.1f} cm in depth ({geometry.ratio:.1f} times "
+        f"as much; two cameras 50 degrees apart have 2.4 times, 5 degrees apart 23 times): {advice}."
     )
+
+
+def look_at_point(cam_from_world: Float[np.ndarray, "pose 4 4"]) -> Float[np.ndarray, "3"]:
+    """The point nearest to all optical axes: where the person is when keypoints do not tell."""
+    axes, centres = cam_from_world[:, 2, :3], _centres(cam_from_world)
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    return np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, centres), rcond=None)[0]
+
+
+def _centres(cam_from_world: np.ndarray) -> np.ndarray:
+    return -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])

@@ -1,0 +1,107 @@
+"""The tracked body for a bundle adjustment: its joints' paths, and where detectors saw them."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_filter
+
+from jaxmocap._results import InputError
+from jaxmocap.capture import Capture, Detections
+from jaxmocap.motion import Motion
+from jaxmocap.observation import BODY_25, nearest_person
+
+from ._joint_scene import Body
+
+_CONFIDENT = 0.3
+_FEWEST_FRAMES = 5
+_FEWEST_POINTS = 8
+_OTHER_CAMERAS = 0.03  # metres between the cameras of a result and of the capture
+
+
+class BodySightings(NamedTuple):
+    """Body points that two cameras or more see: their paths and places, and per sighting the camera, the position of
+    the frame, the point and the pixel. `alike` is how many neighbouring frames share a detector's error."""
+
+    body: Body
+    points: Float[np.ndarray, "body 3"]
+    camera: Int[np.ndarray, " sighting"]
+    position: Int[np.ndarray, " sighting"]
+    point_of: Int[np.ndarray, " sighting"]
+    pixels: Float[np.ndarray, "sighting 2"]
+    alike: float
+
+
+def body_sightings(capture: Capture, motion: Motion, detections: str | Path | None) -> BodySightings:
+    """Keypoints, the capture's or `detections`, at the tracked frames. Raises `InputError` where the motion is of
+    another capture or other cameras, or where two views have too few keypoints."""
+    position = _positions(capture, motion)
+    tracks = {point: parts for point, parts in BODY_25.items() if set(parts) <= set(motion.joint_names)}
+    parts = [[motion.joint_names.index(part) for part in names] for names in tracks.values()]
+    places = np.stack([np.asarray(motion.joints, float)[:, part].mean(axis=1) for part in parts], axis=1)
+    times = capture.timestamps[position]
+    path = CubicSpline(times, savgol_filter(places, _FEWEST_FRAMES, 2, axis=0))
+    folder = None if detections is None else Detections.open(capture, detections).folder
+    rows, frames, points, index = [], set(), [], []
+    for row, frame in enumerate(position):
+        if motion.status[row] == "lost":
+            continue
+        seen = _keypoints(capture, int(frame), places[row], list(tracks), folder)
+        for track in np.flatnonzero((seen[..., 2] >= _CONFIDENT).sum(axis=0) >= 2):
+            for camera in np.flatnonzero(seen[:, track, 2] >= _CONFIDENT):
+                rows.append((camera, frame, len(points), *seen[camera, track, :2]))
+            points.append(places[row, track])
+            index.append((track, times[row]))
+            frames.add(int(frame))
+    if len(points) < _FEWEST_POINTS:
+        raise InputError(
+            f"capture '{capture.name}' has {len(points)} keypoints of the tracked body that two cameras see, at least "
+            f"{_FEWEST_POINTS} are needed to refine its cameras: give a folder of a detector's keypoints with "
+            "--detections"
+        )
+    table, which = np.array(rows), np.array(index)
+    body = Body(path, float(times[0]), float(times[-1]), which[:, 0].astype(int), which[:, 1])
+    near = [sum(abs(one - other) <= capture.fps / 8 for other in frames) for one in frames]
+    camera, at, point = table[:, :3].astype(int).T
+    return BodySightings(body, np.array(points), camera, at, point, table[:, 3:], float(np.mean(near)))
+
+
+def _positions(capture: Capture, motion: Motion) -> Int[np.ndarray, " frame"]:
+    """Positions in the capture of the motion's frames."""
+    own = capture.video_frames[0]
+    position = np.searchsorted(own, motion.frames)
+    if len(motion) < _FEWEST_FRAMES or (position >= len(own)).any() or (own[position] != motion.frames).any():
+        raise InputError(
+            f"the result has {len(motion)} frames, {motion.frames[0]} to {motion.frames[-1]}, that are not all among "
+            f"the {len(own)} of capture '{capture.name}', {own[0]} to {own[-1]}, or fewer than {_FEWEST_FRAMES}; give "
+            "the result of tracking this capture"
+        )
+    if motion.cameras is not None and motion.cameras.num_cameras == capture.num_cameras:
+        apart = np.asarray(motion.cameras.centres()) - np.asarray(capture.cameras.centres())[:, position]
+        if float(np.abs(apart).max()) <= _OTHER_CAMERAS:
+            return position
+    elif motion.cameras is None:
+        return position
+    raise InputError(
+        f"the result was tracked with other cameras than those of capture '{capture.name}'; track it again, or name "
+        "the cameras it was tracked with in capture.toml"
+    )
+
+
+def _keypoints(
+    capture: Capture, frame: int, places: np.ndarray, points: list[int], folder: Path | None
+) -> Float[np.ndarray, "camera track 3"]:
+    """What each camera's detector saw of the person nearest to the tracked one; confidence 0 where nothing."""
+    view = capture.cameras.at(frame)
+    result = np.zeros((capture.num_cameras, len(points), 3))
+    for camera in range(capture.num_cameras):
+        pose, matrix = np.asarray(view.cam_from_world[camera], float), np.asarray(view.intrinsics[camera], float)
+        image = (places @ pose[:3, :3].T + pose[:3, 3]) @ matrix.T
+        expected = np.full((25, 2), np.nan)
+        expected[points] = image[:, :2] / image[:, 2:]
+        person = nearest_person(capture.people(camera, frame, folder), expected)
+        if person is not None:
+            result[camera] = person[points]
+    return result

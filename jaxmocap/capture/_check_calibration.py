@@ -1,0 +1,153 @@
+"""How good the calibration is: from the report that `calibrate` writes beside the model, else from its points."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras, ranges, read_colmap_points
+
+from ._capture import Capture
+from ._findings import Finding
+
+_LARGEST_RESIDUAL = 1.0  # pixels at a width of 960
+_LARGEST_AT_PERSON = 0.03  # metres by which a pose's deviation moves the person in its view
+_LARGEST_SCALE = 0.03
+
+
+def check_calibration(capture: Capture, cameras: Cameras, distance: float | None) -> Iterator[Finding]:
+    """Residuals, uncertainty of the poses, frames that were filled in, scale. `distance` of the person, metres."""
+    folder = capture.cameras_path
+    if folder is None or not folder.is_dir():
+        return
+    report = folder / "calibration.json"
+    if not report.is_file():
+        yield from _points(capture)
+        yield from _refinement(capture, folder / "refinement.json")
+        return
+    try:
+        record = json.loads(report.read_text(encoding="utf-8"))
+        table = json.loads((folder / "uncertainty.json").read_text(encoding="utf-8"))
+        for camera, name in enumerate(cameras.names):
+            yield from _camera(capture, camera, record["cameras"][name], table[name], distance)
+        yield from _world(record, folder.name, (folder / "calibration.png").is_file())
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        yield Finding(
+            "warning",
+            folder.name,
+            f"{report} and uncertainty.json are not what calibrate writes ({type(error).__name__}: {error}); remove "
+            f"them, or run jaxmocap calibrate {capture.folder} --replace",
+        )
+
+
+def _camera(
+    capture: Capture, camera: int, record: dict[str, Any], table: dict[str, Any], distance: float | None
+) -> Iterator[Finding]:
+    name, scale = capture.camera_names[camera], max(capture.sizes[camera]) / 960
+    residual = float(record["median_residual_pixels"])
+    yield Finding(
+        "note",
+        name,
+        f"{name} was calibrated with a focal length of {record['focal_pixels']:.1f} pixels; the background fits to "
+        f"{residual:.2f} pixels (median of about {record['median_observations']} points a frame); poses are uncertain "
+        f"by {100 * record['centre_deviation_m']:.2f} cm and {record['rotation_deviation_degrees']:.3f} degrees",
+    )
+    if residual > _LARGEST_RESIDUAL * scale:
+        yield Finding(
+            "warning",
+            name,
+            f"the background fits {name}'s poses only to {residual:.2f} pixels, expected below "
+            f"{_LARGEST_RESIDUAL * scale:.1f}: blur, much that moves, or stabilised video; calibrate again with "
+            "--key-step 2 and --replace, and switch stabilisation off when filming",
+        )
+    frames = np.array(table["frame"])
+    shared = np.isin(frames, capture.video_frames[camera])
+    filled = sorted({int(frame) for frame in record["interpolated"]} & set(frames[shared].tolist()))
+    if filled:
+        selected = [int(capture.video_frames[camera, frame]) for frame in capture.selected_frames or ()]
+        also = f"; of these {ranges(chosen)} is selected: select another" if (chosen := [
+            frame for frame in filled if frame in selected
+        ]) else ""  # fmt: skip
+        yield Finding(
+            "warning",
+            f"{name} frame {ranges(filled)}",
+            f"{name}'s pose at frame {ranges(filled)} could only be filled in between its neighbours{also}; calibrate "
+            "again with --key-step 2 --replace, or expect a worse result there",
+        )
+    if distance is not None:
+        turn = np.radians(np.array(table["rotation_deviation"], float)[shared])
+        shift = np.array(table["centre_deviation"], float)[shared]
+        moved = np.hypot(shift, distance * turn)
+        bad = frames[shared][moved > _LARGEST_AT_PERSON]
+        if len(bad):
+            yield Finding(
+                "warning",
+                f"{name} frame {ranges([int(f) for f in bad])}",
+                f"{name}'s pose is so uncertain at frame {ranges([int(f) for f in bad])} that it moves the person by "
+                f"up to {100 * float(moved.max()):.0f} cm: there is too little background there; calibrate again with "
+                "--key-step 2 --replace, or film with more of it in the picture",
+            )
+
+
+def _world(record: dict[str, Any], folder: str, has_picture: bool) -> Iterator[Finding]:
+    scale, gravity = record["scale"], record["gravity"]
+    deviation = float(scale["relative_deviation"])
+    yield Finding(
+        "note" if deviation <= _LARGEST_SCALE else "warning",
+        folder,
+        f"the scale is from the {scale['from']}, to {100 * deviation:.1f} %, and up from the {gravity['from']}"
+        + (
+            ""
+            if deviation <= _LARGEST_SCALE
+            else "; more frames with keypoints make it surer, or --camera-distance with a measured length"
+        ),
+    )
+    for warning in record["warnings"]:
+        yield Finding("warning", folder, str(warning))
+    if has_picture:
+        yield Finding("note", folder, f"{folder}/calibration.png shows the cameras' paths, the points and the person")
+
+
+def _refinement(capture: Capture, report: Path) -> Iterator[Finding]:
+    """What `refine-cameras` left, if it made this model."""
+    if not report.is_file():
+        return
+    try:
+        record = json.loads(report.read_text(encoding="utf-8"))
+        for name in capture.camera_names:
+            camera = record["cameras"][name]
+            yield Finding(
+                "note",
+                name,
+                f"{name} was refined with the tracked body, by {100 * camera['moved_m']:.1f} cm and "
+                f"{camera['turned_degrees']:.2f} degrees; its clock by {1000 * camera['late_seconds']:+.1f} ms, known "
+                f"to {1000 * camera['late_deviation_seconds']:.1f} ms",
+            )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        yield Finding(
+            "warning",
+            report.parent.name,
+            f"{report} is not what refine-cameras writes ({type(error).__name__}: {error}); remove it",
+        )
+
+
+def _points(capture: Capture) -> Iterator[Finding]:
+    """Of a model from elsewhere, what its points tell."""
+    assert capture.cameras_path is not None
+    try:
+        points, errors = read_colmap_points(capture.cameras_path)
+    except InputError as error:
+        yield Finding("warning", capture.cameras_path.name, str(error))
+        return
+    if len(points) == 0:
+        return
+    residual, scale = float(np.median(errors)), max(max(size) for size in capture.sizes) / 960
+    said = f"the {len(points)} points of the model fit to {residual:.2f} pixels (median)"
+    if residual > _LARGEST_RESIDUAL * scale:
+        said += f", expected below {_LARGEST_RESIDUAL * scale:.1f}: the poses are doubtful; calibrate again"
+        yield Finding("warning", capture.cameras_path.name, said)
+    else:
+        yield Finding("note", capture.cameras_path.name, said)
