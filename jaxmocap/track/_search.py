@@ -287,9 +287,11 @@ class GroupSearch:
         """
         skeleton = character.skeleton
         free = jnp.array(ROOT_REACH)
-        farthest = within * np.asarray(spread, np.float32)
-        lower = jnp.maximum(jnp.concatenate([-free, skeleton.lower - pose.angles]), -farthest)
-        upper = jnp.minimum(jnp.concatenate([free, skeleton.upper - pose.angles]), farthest)
+        lower = jnp.concatenate([-free, skeleton.lower - pose.angles])
+        upper = jnp.concatenate([free, skeleton.upper - pose.angles])
+        if np.isfinite(within):
+            farthest = within * np.asarray(spread, np.float32)
+            lower, upper = jnp.maximum(lower, -farthest), jnp.minimum(upper, farthest)
         cloud = np.zeros((2 * len(self.dofs) + 1, 39), np.float32)
         for row, dof in enumerate(self.dofs):
             reach = (1.7 if wide == 0 else 8.0) * spread[dof]
