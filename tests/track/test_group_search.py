@@ -78,16 +78,21 @@ def test_a_lost_arm_is_found_further_afield(world):
         num_particles=96, num_iterations=16, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
     )
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
-    start, after = arm_away(world, FRAME), []
-    for key in range(3):
-        found = search(
+    start, after, spread = arm_away(world, FRAME), [], initial_spread(world.character)
+
+    def found(key, **reach):
+        return search(
             (Stage(energy, 2, 16),), sampler, world.character, start, world.problem(FRAME),
-            initial_spread(world.character), jax.random.key(key), wide=0.5,
-        )  # fmt: skip
-        pose = retract(world.character.skeleton, start, found.increment)
+            spread, jax.random.key(key), wide=0.5, **reach,
+        ).increment  # fmt: skip
+
+    for key in range(3):
+        pose = retract(world.character.skeleton, start, found(key))
         after.append(limb_errors(world, {"l_arm": search}, "l_arm", pose).mean())
     assert limb_errors(world, {"l_arm": search}, "l_arm", start).mean() > 0.1
     assert np.median(after) < 0.02
+    assert np.any(np.abs(found(0)) > 1.001 * spread)
+    assert np.all(np.abs(found(0, within=1.0)) <= 1.001 * spread)
 
 
 def test_a_third_of_the_far_particles_leaves_the_inner_joints_alone():
