@@ -23,6 +23,7 @@ from ._features import (
     match_background as match_background,
     remove_foreground as remove_foreground,
 )
+from ._flash import lit_apart as lit_apart
 from ._flow import dense_flow as dense_flow, flow_agrees as flow_agrees, sample_picture as sample_picture
 from ._mask_confidence import (
     MaskConfidence as MaskConfidence,

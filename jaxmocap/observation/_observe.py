@@ -37,6 +37,9 @@ from ._rectangle import Rectangle
 GEODESIC_STEPS = 5
 """Eq. 7: partners at most five triangles apart correspond."""
 
+LONGEST_GAP = 4
+"""Frames over which a clean plate is carried on."""
+
 DEPTH_SLACK = 0.8
 """Metres around the predicted pose that inverse depths of a frame can express."""
 
@@ -242,7 +245,7 @@ class Observations:
     def _plate(self, camera: int, frame: int, image: np.ndarray, person: np.ndarray) -> CleanPlate:
         """The camera's plate at a frame: carried on from the frame before, or put together from the selected ones."""
         known = self._plates.get(camera)
-        if known is None or abs(known.frame - frame) > 1:
+        if known is None or abs(known.frame - frame) > LONGEST_GAP:
             selected = self.appearance.selected_frames
             plate = None
             for s in sorted(range(len(selected)), key=lambda s: (abs(selected[s] - frame), s)):

@@ -7,7 +7,8 @@ from ._fit_character import (
     CharacterFitSettings as CharacterFitSettings,
     fit_character as fit_character,
 )
-from ._frame import FrameResult as FrameResult, FrameTracker as FrameTracker
+from ._frame import FrameTracker as FrameTracker
+from ._frame_result import FrameResult as FrameResult
 from ._inverse_kinematics import inverse_kinematics as inverse_kinematics
 from ._lost import LostSpan as LostSpan, lost_spans as lost_spans
 from ._polish import PolishPlan as PolishPlan, polish as polish

@@ -1,7 +1,7 @@
 """One frame: start from flow, search group by group, refine. Sec. 4 of the paper from top to bottom."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -9,13 +9,14 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from jaxmocap.character import Pose, beside, clamp, difference, retract, skin
-from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle, build_problem
+from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle, build_problem, lit_apart
 from jaxmocap.refiners import Shooting
 
 from ._body_search import BodySearch
 from ._clock import Clock
 from ._confidence import dominant_bodies, judge
 from ._economy import mean_costs, outer_halves, seen_shares
+from ._frame_result import FrameResult, between, passed_over
 from ._hindsight import Tracked, look_back
 from ._least_squares import Rows, descend, free_prior
 from ._past import Past, after
@@ -32,25 +33,6 @@ FLOW_ROBUST = (0.08, 0.03)
 
 ONTO_ROBUST, ONTO_STEPS = 0.3, 8
 """Geman-McClure scale of the start from detections, metres, and its steps."""
-
-
-@dataclass
-class FrameResult:
-    """What was found in one frame: the pose, the energies of Eq. 5 by term, how far it may be trusted, the deviation
-    of the last particles (39,), the J^T J of the refinement, seconds by stage, and of each limb's outer half the mean
-    cost of Eq. 6 (NaN where it is not seen) and the share seen in some view."""
-
-    frame: int
-    timestamp: float
-    pose: Pose
-    energy: dict[str, float]
-    confidence: Float[np.ndarray, "landmark"]
-    status: str
-    deviation: Float[np.ndarray, "dof"]
-    hessian: Float[np.ndarray, "dof dof"] | None
-    seconds: dict[str, float]
-    limb_costs: Float[np.ndarray, "limb"]
-    limb_seen: Float[np.ndarray, "limb"]
 
 
 class FrameTracker:
@@ -75,6 +57,7 @@ class FrameTracker:
         self.outer_bodies = outer_halves(self.character)
         kept = self.hindsight.longest + 2 if self.hindsight is not None else 0
         self.tracked: deque[tuple[Tracked, FrameResult]] = deque(maxlen=kept)
+        self.passed_over: list[FrameResult] = []
 
     # Stages -----------------------------------------------------------------------------------------------------
 
@@ -149,6 +132,8 @@ class FrameTracker:
         """Find the pose of the next frame: flow start, search, refinement."""
         past = self.past
         assert past is not None
+        if past.steps <= self.tracker.longest_flash and lit_apart(shown.images, past.shown.images):
+            return self._pass_over(shown, past)
         clock = Clock()
         start, speed = past.pose, np.zeros(len(shown.images))
         if self.tracker.flow_start:
@@ -185,7 +170,7 @@ class FrameTracker:
         if best == 2:
             return pose
         if self.tracker.prediction and past.increments:
-            ahead = retract(skeleton, past.pose, jnp.asarray(past.increments[-1]))
+            ahead = retract(skeleton, past.pose, jnp.asarray(past.steps * past.increments[-1]))
             pose = self._towards(problem, pose, clamp(skeleton, ahead))
         if self.tracker.detections is not None and bool((problem.keypoints[..., 2] > 0).any()):
             pose = self._towards(problem, pose, self._onto_detections(problem, pose, self.tracker.detections))
@@ -212,7 +197,26 @@ class FrameTracker:
         return retract(self.character.skeleton, pose, delta)
 
     def look_back(self) -> list[FrameResult]:
-        """Results of earlier frames that the last one has shown to be wrong, found anew."""
+        """Results of earlier frames that the last one has shown to be wrong, found anew; and those of frames that were
+        passed over, between the frames before and after."""
+        return [*self._between(), *self._found_anew()]
+
+    def _between(self) -> list[FrameResult]:
+        if not self.passed_over or self.past is None or self.past.steps > 1:
+            return []
+        found = between(self.character.skeleton, self.passed_over, self.past.pose)
+        self.passed_over = []
+        return found
+
+    def _pass_over(self, shown: FrameImages, past: Past) -> FrameResult:
+        """A frame in another light; the next one that can be tracked will tell its pose."""
+        result = passed_over(self.character.skeleton, shown, past.pose, len(self.outer_bodies))
+        self.passed_over.append(result)
+        self.tracked.clear()
+        self.past = past._replace(steps=past.steps + 1)
+        return result
+
+    def _found_anew(self) -> list[FrameResult]:
         if self.search is None or self.hindsight is None or len(self.tracked) < 3:
             return []
         with Clock(self.tracked[-1][1].seconds).stage("look back"):

@@ -10,7 +10,7 @@ from jaxmocap.character import Character
 
 from ._confidence import VerdictSettings
 from ._economy import group_bodies
-from ._frame import FrameResult
+from ._frame_result import FrameResult
 from ._hindsight import stray
 
 HIDDEN, FOREIGN, JUMPING = "no view shows it", "its pixels look like the background", "it leaves its way"

@@ -17,19 +17,21 @@ WINDOW = 30
 
 
 class Past(NamedTuple):
-    """The last frame, its pose, and the increments (39,) that led to it, oldest first."""
+    """The last frame that was tracked, its pose, the increments (39,) that led to it, oldest first, and how many frames
+    later the next one is: more than 1 after frames that were passed over."""
 
     shown: FrameImages
     pose: Pose
     increments: tuple[Float[np.ndarray, "dof"], ...] = ()
+    steps: int = 1
 
     def predicted(self, mode) -> Float[np.ndarray, "dof"]:
-        """The next increment by the autoregression of Eq. 10."""
+        """The increment to the next frame by the autoregression of Eq. 10."""
         if not self.increments:
             return np.zeros(39)
         window = np.zeros((WINDOW, 39), np.float32)
         window[-len(self.increments) :] = np.stack(self.increments)
-        return np.asarray(predict_difference(jnp.asarray(window), len(self.increments), mode))
+        return self.steps * np.asarray(predict_difference(jnp.asarray(window), len(self.increments), mode))
 
     def pace(self, fps: float) -> float:
         """Speed of the fastest joint in metres per second at 0.4 m from its axis, held between 0.5 and 2; 1 when
@@ -44,5 +46,6 @@ def after(skeleton: Skeleton, past: Past | None, shown: FrameImages, pose: Pose,
     increments = ()
     if past is not None:
         before = beside(skeleton, past.pose, pose) if angles == "roomier" else past.pose
-        increments = (*past.increments, np.asarray(difference(skeleton, before, pose)))[-WINDOW:]
+        step = np.asarray(difference(skeleton, before, pose)) / past.steps
+        increments = (*past.increments, *[step] * past.steps)[-WINDOW:]
     return Past(shown, roomier(skeleton, pose) if angles == "roomier" else pose, increments)

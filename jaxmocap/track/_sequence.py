@@ -19,7 +19,8 @@ from jaxmocap.motion import Motion, cameras_at
 from jaxmocap.observation import FrameImages, Observations
 
 from ._confidence import VerdictSettings
-from ._frame import FrameResult, FrameTracker
+from ._frame import FrameTracker
+from ._frame_result import FrameResult
 from ._lost import lost_spans, without_trust
 from ._register import Registration
 from ._tracker import Tracker

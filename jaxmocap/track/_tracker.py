@@ -119,7 +119,8 @@ class Tracker:
     `flow_start` starts each frame from optical flow (sec. 4.1, Initialization). `angles` "roomier" begins each frame
     with those of the two sets of angles of a shoulder or hip that are farther from the joint limits (the same
     rotation, see `character.roomier`); "same" is the paper. `prediction` starts the root, the torso and each limb
-    where the last motion would lead if that scores better than the flow; the paper does not.
+    where the last motion would lead if that scores better than the flow; the paper does not. At most `longest_flash`
+    frames in a row are passed over when the light jumps, and lie between their neighbours (0: none, the paper).
     """
 
     search_energy: SearchEnergy = field(default_factory=search_energy)
@@ -130,6 +131,7 @@ class Tracker:
     flow_start: bool = True
     prediction: bool = False
     angles: AngleChoice = "same"
+    longest_flash: int = 0
     flow: FlowSettings = field(default_factory=FlowSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
 
@@ -160,10 +162,10 @@ class Tracker:
         if quality == "normal":
             economy = {"calm": Calm(), "retry": Retry(), "hindsight": Hindsight(), "reacquire": 3}
             search = SearchPlan(efforts, particles=96, trunk=0.6, wide=0.25, **economy)
-            return Tracker(fast, search, plan, prediction=True, angles="roomier")
+            return Tracker(fast, search, plan, prediction=True, angles="roomier", longest_flash=3)
         if quality == "draft":
             coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6)
-            return Tracker(fast, coarse, replace(plan, rounds=2), prediction=True, angles="roomier")
+            return Tracker(fast, coarse, replace(plan, rounds=2), prediction=True, angles="roomier", longest_flash=3)
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
 
 

@@ -1,0 +1,71 @@
+"""A frame that a flash lights is passed over, and lies between its neighbours."""
+
+import jax
+import numpy as np
+import pytest
+
+from jaxmocap.character import difference
+from jaxmocap.energies import search_energy
+from jaxmocap.observation import FrameImages, lit_apart
+from jaxmocap.track import FrameTracker, Tracker
+from jaxmocap.track._past import Past, after
+
+
+def lit(world, frame, rows=slice(None), by=2.0):
+    """The frame with some rows in another light, in the second view only."""
+    shown = world.shown(frame)
+    images = [image.copy() for image in shown.images]
+    images[1][rows] = np.clip(images[1][rows] * by, 0, 255).astype(np.uint8)
+    return FrameImages(frame, shown.timestamp, images)
+
+
+@pytest.mark.parametrize(
+    ("rows", "by", "apart"),
+    [(slice(None), 1.0, False), (slice(None), 1.1, False), (slice(None), 2.0, True), (slice(None), 0.5, True)]
+    + [(slice(200, None), 2.0, True), (slice(0, 60), 2.0, True), (slice(100, 104), 2.0, False)],
+)
+def test_a_part_of_a_frame_in_another_light_is_noticed(world, rows, by, apart):
+    """A rolling shutter lights some rows; the person and the camera move all the same."""
+    assert lit_apart(lit(world, 2, rows, by).images, world.shown(0).images) == apart
+
+
+@pytest.fixture
+def tracker(world, monkeypatch):
+    """One that finds the truth wherever it looks."""
+    energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
+    plain = Tracker(energy, None, None, flow_start=False, longest_flash=1)
+    monkeypatch.setattr(FrameTracker, "_best_start", lambda self, shown, *rest: world.pose(shown.frame))
+    tracker = FrameTracker(world.observations(), plain, jax.random.key(0))
+    tracker.first(world.shown(0), world.pose(0))
+    return tracker
+
+
+def test_it_is_passed_over_and_lies_between_its_neighbours(world, tracker):
+    flash = tracker.track(lit(world, 1))
+    assert (flash.status, flash.energy, flash.confidence.max()) == ("doubtful", {}, 0.0)
+    assert tracker.look_back() == []
+    assert tracker.track(world.shown(2)).status == "ok"
+    (found,) = tracker.look_back()
+    assert (found.frame, found.status) == (1, "doubtful")
+    skeleton = world.character.skeleton
+    steps = [difference(skeleton, found.pose, world.pose(frame)) for frame in (0, 2)]
+    np.testing.assert_allclose(steps[0], -steps[1], atol=1e-3)
+    assert np.abs(steps[0]).max() > 0.02
+    np.testing.assert_allclose(tracker.past.increments[0], tracker.past.increments[1])
+    assert len(tracker.past.increments) == 2
+    assert tracker.look_back() == []
+
+
+def test_light_that_stays_is_taken_for_what_it_is(world, tracker):
+    assert tracker.track(lit(world, 1)).energy == {}
+    assert tracker.track(lit(world, 2)).energy != {}
+
+
+def test_after_a_gap_the_motion_counts_per_frame(world):
+    skeleton, window = world.character.skeleton, (np.full(39, 0.01, np.float32),) * 8
+    past = Past(world.shown(0), world.pose(0), window, steps=2)
+    np.testing.assert_allclose(past.predicted("velocity"), 0.02, rtol=1e-5)
+    following = after(skeleton, past, world.shown(2), world.pose(2), "same")
+    whole = np.asarray(difference(skeleton, world.pose(0), world.pose(2)))
+    assert following.steps == 1
+    np.testing.assert_allclose(following.increments[-2:], np.stack([whole / 2] * 2))
