@@ -132,7 +132,8 @@ class FrameTracker:
         """Find the pose of the next frame: flow start, search, refinement."""
         past = self.past
         assert past is not None
-        if past.steps <= self.tracker.longest_flash and lit_apart(shown.images, past.shown.images):
+        unknown = shown.frame not in self.observations.key_poses
+        if unknown and past.steps <= self.tracker.longest_flash and lit_apart(shown.images, past.shown.images):
             return self._pass_over(shown, past)
         clock = Clock()
         start, speed = past.pose, np.zeros(len(shown.images))

@@ -120,7 +120,8 @@ class Tracker:
     with those of the two sets of angles of a shoulder or hip that are farther from the joint limits (the same
     rotation, see `character.roomier`); "same" is the paper. `prediction` starts the root, the torso and each limb
     where the last motion would lead if that scores better than the flow; the paper does not. At most `longest_flash`
-    frames in a row are passed over when the light jumps, and lie between their neighbours (0: none, the paper).
+    frames in a row, not selected ones, are passed over when the light jumps, and lie between their neighbours (0: none,
+    the paper).
     """
 
     search_energy: SearchEnergy = field(default_factory=search_energy)

@@ -35,7 +35,9 @@ def tracker(world, monkeypatch):
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
     plain = Tracker(energy, None, None, flow_start=False, longest_flash=1)
     monkeypatch.setattr(FrameTracker, "_best_start", lambda self, shown, *rest: world.pose(shown.frame))
-    tracker = FrameTracker(world.observations(), plain, jax.random.key(0))
+    observations = world.observations()
+    del observations.key_poses[1]
+    tracker = FrameTracker(observations, plain, jax.random.key(0))
     tracker.first(world.shown(0), world.pose(0))
     return tracker
 
@@ -54,6 +56,11 @@ def test_it_is_passed_over_and_lies_between_its_neighbours(world, tracker):
     np.testing.assert_allclose(tracker.past.increments[0], tracker.past.increments[1])
     assert len(tracker.past.increments) == 2
     assert tracker.look_back() == []
+
+
+def test_a_selected_frame_is_known_in_any_light(world, tracker):
+    tracker.observations.key_poses[1] = world.pose(1)
+    assert tracker.track(lit(world, 1)).energy != {}
 
 
 def test_light_that_stays_is_taken_for_what_it_is(world, tracker):
