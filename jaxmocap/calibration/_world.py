@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
+
+from jaxmocap.geometry import fit_similarity
 
 from ._gravity import Gravity
 from ._trajectory import camera_centres
@@ -36,12 +37,8 @@ def same_world(before: Float[np.ndarray, "point 3"], after: Float[np.ndarray, "p
     what an adjustment without fixed points adds to its answer."""
     kept = np.ones(len(before), bool)
     for _ in range(5):
-        one, other = before[kept], after[kept]
-        middles = one.mean(axis=0), other.mean(axis=0)
-        rotation = Rotation.align_vectors(one - middles[0], other - middles[1])[0]
-        turned = rotation.apply(other - middles[1])
-        scale = float(np.sum(turned * (one - middles[0])) / np.sum(turned**2))
-        found = WorldFromModel(scale, rotation.as_matrix(), middles[0] - scale * rotation.apply(middles[1]))
+        back = fit_similarity(after[kept], before[kept])
+        found = WorldFromModel(back.scale, back.rotation, back.translation)
         away = np.linalg.norm(found.points(after) - before, axis=1)
         kept = away <= 3 * np.median(away) + 1e-12
     return found

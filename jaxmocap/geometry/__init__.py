@@ -11,6 +11,13 @@ from ._robust import (
     huber as huber,
     huber_weight as huber_weight,
 )
+from ._similarity import (
+    IDENTITY as IDENTITY,
+    Similarity as Similarity,
+    align_cameras as align_cameras,
+    camera_residuals as camera_residuals,
+    fit_similarity as fit_similarity,
+)
 from ._transforms import (
     ad as ad,
     adjoint as adjoint,

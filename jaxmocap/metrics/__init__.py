@@ -1,5 +1,7 @@
 """Metrics: the paper's marker protocol, joint errors, silhouette agreement, and the evaluation of a result."""
 
+from jaxmocap.geometry import Similarity as Similarity, align_cameras as align_cameras, fit_similarity as fit_similarity
+
 from ._evaluate import evaluate as evaluate
 from ._joints import (
     JointErrors as JointErrors,
@@ -9,7 +11,6 @@ from ._joints import (
 )
 from ._markers import MarkerError as MarkerError, marker_error as marker_error
 from ._masks import silhouette_iou as silhouette_iou
-from ._similarity import Similarity as Similarity, align_cameras as align_cameras, fit_similarity as fit_similarity
 from ._statistics import joint_statistics as joint_statistics, marker_statistics as marker_statistics
 from ._surface import nearest_on_surface as nearest_on_surface
 from ._table import evaluation_table as evaluation_table

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from jaxmocap._results import InputError
+from jaxmocap.geometry import IDENTITY, Similarity, align_cameras, camera_residuals
 from jaxmocap.motion import Motion
 
 from ._joints import jitter, joint_errors
 from ._markers import marker_error
-from ._similarity import IDENTITY, Similarity, align_cameras, camera_residuals
 from ._statistics import joint_statistics, marker_statistics
 from ._truth import Truth
 

@@ -7,9 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmocap._results import InputError
+from jaxmocap.geometry import IDENTITY, Similarity, fit_similarity
 from jaxmocap.motion import Motion
-
-from ._similarity import IDENTITY, Similarity, fit_similarity
 
 # Joints of the skeleton. Landmarks on the surface (nose, toes, heels) are matched only when asked for by name.
 JOINTS = ("pelvis", "spine", "thorax", "neck", "head") + tuple(

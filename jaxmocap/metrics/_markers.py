@@ -7,9 +7,9 @@ from jaxtyping import Float, Int
 
 from jaxmocap._results import InputError
 from jaxmocap.character import Character
+from jaxmocap.geometry import IDENTITY, Similarity, fit_similarity
 from jaxmocap.motion import Motion
 
-from ._similarity import IDENTITY, Similarity, fit_similarity
 from ._statistics import frame_means
 from ._surface import nearest_on_surface, surface_points, triangle_frames
 from ._truth import sample

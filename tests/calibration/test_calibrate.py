@@ -19,7 +19,7 @@ from jaxmocap.calibration._job import footage_of
 from jaxmocap.calibration._matching import match_key_frames
 from jaxmocap.calibration._trajectory import find_outliers
 from jaxmocap.capture import Capture, with_cameras_line
-from jaxmocap.metrics._similarity import align_cameras, camera_residuals
+from jaxmocap.geometry import align_cameras, camera_residuals
 
 COUNT = 12
 POSES = walk(COUNT)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from jaxmocap.calibration._joint_adjustment import Adjusted, JointPriors, _derivatives, adjust_together, unadjusted
 from jaxmocap.calibration._joint_scene import predict
 from jaxmocap.calibration._path_knots import moved, place_knots
-from jaxmocap.metrics._similarity import align_cameras, camera_residuals
+from jaxmocap.geometry import align_cameras, camera_residuals
 
 
 def errors(world: World, poses: np.ndarray) -> tuple[float, float, float]:

@@ -16,7 +16,7 @@ import jaxmocap as jm
 from jaxmocap._cli import run
 from jaxmocap._results import InputError
 from jaxmocap.character import landmark_positions
-from jaxmocap.metrics._similarity import align_cameras, camera_residuals
+from jaxmocap.geometry import align_cameras, camera_residuals
 from jaxmocap.motion import Motion, cameras_at
 from jaxmocap.observation import BODY_25
 from jaxmocap.synthetic import make_capture, write_capture

@@ -4,7 +4,7 @@ from moving_cameras import FOCAL, centres_of, paths
 from scipy.spatial.transform import Rotation
 
 from jaxmocap.calibration._uncertainty import Network, deviation_given_points, pose_deviation
-from jaxmocap.metrics._similarity import align_cameras, camera_residuals
+from jaxmocap.geometry import align_cameras, camera_residuals
 
 RADIAL = 0.03
 

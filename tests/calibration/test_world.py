@@ -10,7 +10,7 @@ from jaxmocap.calibration._subject import SubjectView, fit_scale, triangulate_vi
 from jaxmocap.calibration._world import world_from_model
 from jaxmocap.camera import describe_views, view_geometry
 from jaxmocap.capture import KEYPOINT_NAMES
-from jaxmocap.metrics._similarity import align_cameras
+from jaxmocap.geometry import align_cameras
 
 PERSON = np.array(
     [

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxmocap.metrics import align_cameras, fit_similarity
-from jaxmocap.metrics._similarity import camera_residuals
+from jaxmocap.geometry import align_cameras, camera_residuals, fit_similarity
 
 RNG = np.random.default_rng(3)
 ROTATION = Rotation.from_rotvec([0.4, -1.2, 2.0]).as_matrix()
