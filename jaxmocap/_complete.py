@@ -10,6 +10,7 @@ from jaxmocap.track import Overrides, PersonMask, PersonMasks, SegmentationSetti
 
 MaskRecord = dict[str, dict[str, dict]]
 """Frame -> camera -> where the mask comes from and how sure it is, as reports hold it."""
+_SETTINGS = SegmentationSettings()
 
 
 def with_selected_frames(
@@ -48,25 +49,40 @@ def with_person_masks(
 ) -> tuple[Capture, PersonMasks]:
     """The capture with a mask of the person in every view of every selected frame, and these masks. Those that are
     missing are found, unless `find` is off; then nothing changes and the registered body stands for the person."""
+    found = find_person_masks(capture, character, key=key, overrides=overrides, progress=progress) if find else {}
+    say_doubts(capture, found, say)
+    return (capture.with_masks(masks_of(found)) if found else capture), found
+
+
+def find_person_masks(
+    capture: Capture,
+    character: Character,
+    *,
+    key: PRNGKeyArray,
+    overrides: Overrides | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> PersonMasks:
+    """Masks for the selected frames that lack one."""
     frames = capture.selected_frames or (0,)
     cameras = range(capture.num_cameras)
     missing = [frame for frame in frames if any(capture.mask(camera, frame) is None for camera in cameras)]
-    if not find or not missing:
-        return capture, {}
-    settings = SegmentationSettings()
     found: PersonMasks = {}
     for number, frame in enumerate(missing):
         if progress is not None:
             progress("masks", number, len(missing))
         found |= segment_person(
-            capture, capture.cameras, character, (frame,), key=key, overrides=overrides, settings=settings
+            capture, capture.cameras, character, (frame,), key=key, overrides=overrides, settings=_SETTINGS
         )
-    if progress is not None:
+    if progress is not None and missing:
         progress("masks", len(missing), len(missing))
-    for sentence in doubts(capture, found, settings.warn_below):
+    return found
+
+
+def say_doubts(capture: Capture, found: PersonMasks, say: Callable[[str], None] | None) -> None:
+    """Tell which masks are doubtful."""
+    for sentence in doubts(capture, found, _SETTINGS.warn_below):
         if say is not None:
             say(sentence)
-    return capture.with_masks(masks_of(found)), found
 
 
 def doubts(capture: Capture, found: PersonMasks, below: float) -> list[str]:

@@ -1,35 +1,35 @@
 """A capture folder in, a result folder out: what the command `track` does."""
 
-import platform
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
-from jaxmocap._complete import MaskRecord, mask_record, with_person_masks, with_selected_frames
+from jaxmocap._complete import MaskRecord, mask_record, say_doubts, with_selected_frames
+from jaxmocap._inputs import code_hash, machine, versions
+from jaxmocap._kept_stages import kept
+from jaxmocap._prepare import Prepared, prepare
+from jaxmocap._records import different, digest
 from jaxmocap._results import InputError
-from jaxmocap.capture import Capture, Detections
+from jaxmocap._run_folder import finished, run_folder
+from jaxmocap.capture import Capture, Detections, content_hash, folder_hash
 from jaxmocap.character import Character
-from jaxmocap.motion import Motion, claim_output, write_json
-from jaxmocap.observation import fit_capture_appearance
+from jaxmocap.motion import Motion, write_json
 from jaxmocap.track import (
+    Checkpoint,
     DetectionPlan,
     FrameResult,
-    Progress,
     Quality,
     Registration,
     Tracker,
-    appearance_preset,
-    key_poses_of,
+    masks_of,
     motion_of,
     observe,
     read_pose_file,
-    register,
     track_frames,
     with_settings,
 )
@@ -37,16 +37,6 @@ from jaxmocap.viewers import overlay_videos
 
 Report = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for package in ("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "numpy", "opencv-python-headless", "av"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
 
 
 def open_character(capture: Capture, actor: str | Path | None = None) -> Character:
@@ -104,9 +94,11 @@ def track_capture(
     detections: str | Path | None = None,
     detections_frames: Collection[int] | None = None,
     say: Callable[[str], None] | None = None,
+    resume: bool = False,
+    cache: bool = True,
 ) -> Motion:
     """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
-    video per view. Nothing is left behind when it fails.
+    video per view.
 
     `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `actor` is a character's file and
     `tracker` a tracker, instead of the capture's and the preset; `settings` change single settings of the tracker by
@@ -114,23 +106,46 @@ def track_capture(
     found (unless `find_masks` is off); the report says so, and `say` is told at once, also when a mask is doubtful.
     With `detections`, a folder of BODY_25 files, keypoints count beside the pixels, in `detections_frames` or
     everywhere.
+
+    A run that fails or is killed leaves the frames it has done in `out`, and with `resume` the same call goes on from
+    there to the same `motion.npz`, byte for byte; a run that is finished is read. Without frames it leaves nothing.
+    Unless `cache` is off, registration and appearance are kept in the user's cache folder and taken from there when
+    capture, character, settings, seed and code are the same.
     """
-    tell = progress or (lambda stage, done, total: None)
+    out = Path(out)
     begin = time.perf_counter()
-    with claim_output(out) as staging:
-        capture = Capture.open(path)
-        character = open_character(capture, actor)
-        cameras = capture.cameras
-        overrides = read_pose_file(pose_file) if pose_file is not None else None
-        if detections is None and detections_frames is not None:
-            raise InputError("frames for detections are given, but no detections; name their folder with --detections.")
-        found_points = None if detections is None else Detections.open(capture, detections, detections_frames)
-        tracker = Tracker.preset(quality) if tracker is None else tracker
-        if found_points is not None and tracker.detections is None:
-            tracker = replace(tracker, detections=DetectionPlan())
-        tracker = with_settings(tracker, settings or {})
+    capture = Capture.open(path)
+    character = open_character(capture, actor)
+    overrides = read_pose_file(pose_file) if pose_file is not None else None
+    if detections is None and detections_frames is not None:
+        raise InputError("frames for detections are given, but no detections; name their folder with --detections.")
+    found_points = None if detections is None else Detections.open(capture, detections, detections_frames)
+    tracker = Tracker.preset(quality) if tracker is None else tracker
+    if found_points is not None and tracker.detections is None:
+        tracker = replace(tracker, detections=DetectionPlan())
+    tracker = with_settings(tracker, settings or {})
+    inputs = {
+        "capture": content_hash(capture),
+        "character": digest(character),
+        "pose file": digest(overrides),
+        "quality": quality,
+        "choice of finding masks": find_masks,
+        "seed": seed,
+        "version of jaxmocap": code_hash(),
+        "set of packages": versions(),
+        "machine": machine(),
+    }
+    run_inputs = inputs | {
+        "settings": digest(tracker),
+        "span of frames": None if frames is None else list(frames),
+        "set of detections": None if detections is None else folder_hash(Path(detections)),
+        "choice of frames with detections": None if detections_frames is None else sorted(detections_frames),
+    }
+    if resume and finished(out):
+        return _finished_motion(out, run_inputs)
+    with run_folder(out, resume=resume) as (staging, kept_in):
+        checkpoint = Checkpoint(kept_in, run_inputs)
         capture, selection = with_selected_frames(capture, overrides, say)
-        key = jax.random.key(seed)
         selected = capture.selected_frames or (0,)
         unknown = sorted(set(overrides or {}) - set(selected))
         if unknown:
@@ -138,39 +153,30 @@ def track_capture(
                 f"the pose file {pose_file} sets frame {unknown[0]}, which is not registered; the selected frames of "
                 f"capture '{capture.name}' are {', '.join(map(str, selected))}."
             )
-        capture, found = with_person_masks(
-            capture,
-            character,
-            key=jax.random.fold_in(key, 4),
-            overrides=overrides,
-            find=find_masks,
-            say=say,
-            progress=progress,
-        )
-        tell("register", 0, len(selected))
-        registrations: dict[int, Registration] = {}
-        for number, frame in enumerate(selected):
-            registrations |= register(
-                capture, cameras, character, (frame,), key=jax.random.fold_in(key, 1), overrides=overrides
-            )
-            tell("register", number + 1, len(selected))
-        tell("appearance", 0, 1)
-        appearance = fit_capture_appearance(
-            capture,
-            cameras,
-            character,
-            key_poses_of(registrations),
-            key=jax.random.fold_in(key, 2),
-            settings=appearance_preset(quality),
-        )
-        observations = observe(capture, cameras, character, appearance, registrations, found_points)
-        tell("appearance", 1, 1)
+        key = jax.random.key(seed)
+
+        def make() -> Prepared:
+            return prepare(capture, character, key, overrides, quality, find_masks, progress)
+
+        made = kept("prepared", inputs | {"selected frames": list(selected)}, make) if cache else make()
+        say_doubts(capture, made.masks, say)
+        capture = capture.with_masks(masks_of(made.masks))
+        cameras = capture.cameras
+        observations = observe(capture, cameras, character, made.appearance, made.registrations, found_points)
         prepared = time.perf_counter()
-
-        def told(step: Progress) -> None:
-            tell("track", step.done, step.total)
-
-        results = track_frames(observations, tracker, key=jax.random.fold_in(key, 3), frames=frames, progress=told)
+        try:
+            results = track_frames(
+                observations,
+                tracker,
+                key=jax.random.fold_in(key, 3),
+                frames=frames,
+                progress=None if progress is None else lambda step: progress("track", step.done, step.total),
+                checkpoint=checkpoint,
+            )
+        except BaseException:
+            if checkpoint.exists and say is not None:
+                say(f"The frames done so far are kept in {out}; the same command with --resume goes on from there.")
+            raise
         tracked = time.perf_counter()
         provenance = {
             "capture": str(capture.folder.resolve()),
@@ -182,11 +188,12 @@ def track_capture(
             "detections_frames": None if detections_frames is None else sorted(detections_frames),
             "settings": {name: str(value) for name, value in (settings or {}).items()},
             "seed": seed,
-            "versions": _versions(),
+            "versions": versions(),
             "device": str(jax.devices()[0]),
+            "inputs": run_inputs,
             "seconds": {"prepare": prepared - begin, "track": tracked - prepared},
             "selected_frames": selection,
-            "registration": registration_record(registrations, character, mask_record(capture, found)),
+            "registration": registration_record(made.registrations, character, mask_record(capture, made.masks)),
         }
         motion = motion_of(observations, results, provenance, tracker.verdict)
         motion.save(staging)
@@ -202,7 +209,17 @@ def track_capture(
             },
         )
         if overlays:
+            tell = progress or (lambda stage, done, total: None)
             tell("overlays", 0, 1)
             overlay_videos(capture, motion.cameras or cameras, motion, staging)
             tell("overlays", 1, 1)
+    return motion
+
+
+def _finished_motion(out: Path, inputs: dict[str, Any]) -> Motion:
+    """The result in a folder, if it was made of these inputs."""
+    motion = Motion.load(out)
+    others = different(motion.provenance.get("inputs", {}), inputs)
+    if others:
+        raise InputError(f"the folder {out} holds the result of another {others}; choose another folder.")
     return motion

@@ -17,7 +17,7 @@ def prepare() -> None:
     set, but the number of devices no longer.
     """
     settings = {
-        "jax_compilation_cache_dir": str(_cache_folder()),
+        "jax_compilation_cache_dir": str(cache_folder("xla")),
         "jax_persistent_cache_min_compile_time_secs": _SHORTEST_COMPILATION,
         "jax_num_cpu_devices": _cores(),
     }
@@ -43,12 +43,12 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _cache_folder() -> Path:
-    """The platform's place for what may be deleted at any time."""
+def cache_folder(name: str) -> Path:
+    """A folder of ours in the platform's place for what may be deleted at any time."""
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
     elif sys.platform == "darwin":
         base = Path.home() / "Library" / "Caches"
     else:
         base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "jaxmocap" / "xla"
+    return Path(base) / "jaxmocap" / name

@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "jaxmocap"
 ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
     ("_pipeline", "_calibrate"),
+    ("_prepare", "_run_folder", "_kept_stages", "_inputs"),
     ("_complete", "_synchronise"),
     ("baselines",),
     ("exporters", "importers", "metrics", "viewers"),
@@ -22,6 +23,7 @@ ROWS = (
     ("capture",),
     ("camera",),
     ("geometry",),
+    ("_records",),
     ("_types", "_results", "_runtime", "_atomic"),
 )
 RANK = {name: row for row, names in enumerate(ROWS) for name in names} | {"synthetic": 4.5}  # just below `track`

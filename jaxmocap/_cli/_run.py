@@ -1,5 +1,6 @@
 """From arguments to an exit code."""
 
+import errno
 import sys
 from collections.abc import Sequence
 
@@ -24,6 +25,8 @@ from ._track import track
 
 YOUR_INPUT, INTERRUPTED = 2, 130
 """Exit codes; a bug of ours passes through, so that Python prints its traceback and exits with 1."""
+
+_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 _COMMANDS = {
     "demo": demo,
@@ -60,6 +63,15 @@ def run(arguments: Sequence[str]) -> int:
     except InputError as error:
         print(f"jaxmocap: {error}", file=sys.stderr)
         return YOUR_INPUT
+    except OSError as error:
+        if error.errno not in _DISK:
+            raise
+        where = f" {error.filename}" if error.filename else ""
+        print(
+            f"jaxmocap: a file{where} cannot be written ({error.strerror}); make room, or choose another folder.",
+            file=sys.stderr,
+        )
+        return YOUR_INPUT
     except KeyboardInterrupt:
-        print("jaxmocap: interrupted; no unfinished result was left behind.", file=sys.stderr)
+        print("jaxmocap: interrupted; no result was written.", file=sys.stderr)
         return INTERRUPTED

@@ -46,6 +46,15 @@ def track(
     detections: DetectionsFolder = None,
     detections_frames: DetectionsFrames = None,
     overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
+    resume: Annotated[
+        bool, tyro.conf.arg(help_behavior_hint="", help="Go on with the unfinished run in DIR; the result is the same.")
+    ] = False,
+    cache: Annotated[
+        bool,
+        tyro.conf.arg(
+            help_behavior_hint="", help="Do not take registration and appearance from an earlier run over the same."
+        ),
+    ] = True,
     json: Json = False,
 ) -> int:
     """Track the person through a capture and write the result. Exits with 3 if frames were lost."""
@@ -72,6 +81,8 @@ def track(
             detections=detections,
             detections_frames=None if detected is None else range(*detected),
             say=say,
+            resume=resume,
+            cache=cache,
         )
     show({"out": out, **summary(motion)}, lambda: sentence(motion, out), json_wanted=json)
     return report_lost(motion)

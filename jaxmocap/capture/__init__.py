@@ -6,6 +6,7 @@ from ._check_geometry import check_subject as check_subject, triangulated_people
 from ._check_sync import SYNC_REPORT as SYNC_REPORT
 from ._choose_frames import ChosenFrames as ChosenFrames, choose_frames as choose_frames
 from ._config import config_path as config_path, read_config as read_config
+from ._content import content_hash as content_hash, folder_hash as folder_hash
 from ._detections import Detections as Detections
 from ._edit_config import with_cameras_line as with_cameras_line, with_offsets as with_offsets
 from ._findings import Finding as Finding

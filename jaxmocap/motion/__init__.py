@@ -10,7 +10,7 @@ from jaxmocap._atomic import (
 )
 
 from ._autoregression import predict_difference as predict_difference
-from ._folder import claim_output as claim_output
+from ._folder import check_output as check_output, claim_output as claim_output
 from ._interpolate import at_times as at_times, continuous as continuous
 from ._motion import Motion as Motion, cameras_at as cameras_at
 from ._storage import read_npz as read_npz

@@ -27,7 +27,7 @@ def claim_output(
     a checkpoint for example; they are left alone.
     """
     path = Path(path)
-    _refuse_if_taken(path, overwrite, keep)
+    check_output(path, overwrite=overwrite, keep=keep)
     created = not path.exists()
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -38,7 +38,7 @@ def claim_output(
         ) from error
     try:
         yield staging
-        _refuse_if_taken(path, overwrite, keep)
+        check_output(path, overwrite=overwrite, keep=keep)
         _publish(staging, path)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -47,7 +47,8 @@ def claim_output(
                 path.rmdir()
 
 
-def _refuse_if_taken(path: Path, overwrite: bool, keep: tuple[str, ...]) -> None:
+def check_output(path: Path, *, overwrite: bool = False, keep: tuple[str, ...] = ()) -> None:
+    """Raise the `InputError` that `claim_output` would raise for a folder that is taken."""
     if not path.exists():
         return
     if not path.is_dir():

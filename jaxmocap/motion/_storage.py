@@ -1,4 +1,6 @@
-"""A motion on disk: `motion.npz`, which is complete, and `report.json`, which is for people.
+"""A motion on disk: `motion.npz`, which holds what was found, and `report.json`, which is for people.
+
+The seconds that a run took are in `report.json` alone: the same run gives the same `motion.npz`, byte for byte.
 
 `motion.npz`, schema version 1. No pickles: `numpy.load(path, allow_pickle=False)` reads all of it. Axes are T frames,
 D = 39 degrees of freedom, J joints, B = 18 bodies, C cameras. Metres, radians, seconds, pixels.
@@ -26,6 +28,7 @@ import os
 import tokenize
 import zipfile
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +43,8 @@ from jaxmocap.character import Character, Skeleton
 from ._motion import Motion
 
 SCHEMA_VERSION = 1
+_WALL_CLOCK = ("seconds", "seconds_per_frame")
+"""Parts of the provenance that another run of the same would not have."""
 _DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
@@ -77,7 +82,7 @@ def save(motion: Motion, folder: str | os.PathLike[str], *, overwrite: bool = Fa
 
 
 def load(folder: str | os.PathLike[str]) -> Motion:
-    """Read `motion.npz`; `report.json` is not needed."""
+    """Read `motion.npz`, and from `report.json` beside it, where there is one, how long the run took."""
     path = Path(folder)
     if path.suffix != ".npz":
         path = path / "motion.npz"
@@ -92,13 +97,24 @@ def load(folder: str | os.PathLike[str]) -> Motion:
             f"{path} has schema version {int(version)}, this jaxmocap reads up to {SCHEMA_VERSION}; upgrade jaxmocap."
         )
     try:
-        return _motion(arrays)
+        motion = _motion(arrays)
+        return replace(motion, provenance={**motion.provenance, **_wall_clock(path.with_name("report.json"))})
     except KeyError as error:
         raise InputError(f"{path} lacks the array {error.args[0]!r}; write the result again.") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except (ValueError, TypeError, IndexError) as error:
         raise InputError(f"{path} is damaged ({error}); write the result again.") from error
+
+
+def _wall_clock(report: Path) -> dict[str, Any]:
+    """The seconds in a report, if it can be read: nothing else depends on them."""
+    try:
+        found = json.loads(report.read_text(encoding="utf-8"))
+        found = {**found, **found.get("provenance", {})}
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        return {}
+    return {name: found[name] for name in _WALL_CLOCK if name in found}
 
 
 def read_npz(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
@@ -136,7 +152,8 @@ def _arrays(motion: Motion) -> dict[str, np.ndarray]:
     arrays |= {"group_sizes": [len(dofs) for _, dofs in skeleton.groups]}
     arrays |= {"group_dofs": [dof for _, dofs in skeleton.groups for dof in dofs]}
     arrays |= {"landmark_bodies": skeleton.landmark_bodies, "landmarks": skeleton.landmarks}
-    arrays |= {"up": motion.up, "provenance": json.dumps(plain(motion.provenance), sort_keys=True, allow_nan=False)}
+    lasting = {name: value for name, value in motion.provenance.items() if name not in _WALL_CLOCK}
+    arrays |= {"up": motion.up, "provenance": json.dumps(plain(lasting), sort_keys=True, allow_nan=False)}
     if motion.cameras is not None:
         cameras = motion.cameras
         arrays |= {

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -274,6 +274,14 @@ class Observations:
     def restart(self) -> None:
         """Forget what earlier frames have shown: the next frame is the first of a sequence."""
         self._plates, self._warps, self._last = {}, {}, {}
+
+    def state(self) -> dict[str, Any]:
+        """What earlier frames have shown."""
+        return {"plates": self._plates, "warps": self._warps, "last": self._last}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take over what `state` said."""
+        self._plates, self._warps, self._last = state["plates"], state["warps"], state["last"]
 
     def _warp(self, camera: int, selected: int, frame: int, image: np.ndarray, person: np.ndarray) -> GridWarp:
         """The background grid of a selected frame carried to this frame (sec. 4.1)."""

@@ -1,5 +1,6 @@
 """Tracking: registration at the selected frames, then search and refinement frame by frame."""
 
+from ._checkpoint import Checkpoint as Checkpoint
 from ._confidence import Verdict as Verdict, VerdictSettings as VerdictSettings, judge as judge
 from ._economy import Calm as Calm, Hindsight as Hindsight, Retry as Retry
 from ._fit_character import (

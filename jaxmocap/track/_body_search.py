@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -123,6 +124,24 @@ class BodySearch:
             self.last_seen = [pose if s else last for s, last in zip(shown, self.last_seen, strict=True)]
         if self.restraint is not None:
             self.restraint.learn(mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
+
+    def state(self) -> dict[str, Any]:
+        """What is remembered between frames, the sizes of the compiled searches among it."""
+        restraint = self.restraint
+        return {
+            "left": self.left,
+            "last_seen": self.last_seen,
+            "sizes": [group.sizes for group in self.groups],
+            "restraint": None if restraint is None else (restraint.known, restraint.skipped),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take over what `state` said."""
+        self.left, self.last_seen = state["left"], state["last_seen"]
+        for group, sizes in zip(self.groups, state["sizes"], strict=True):
+            vars(group.sizes).update(vars(sizes))  # left and right share theirs
+        if self.restraint is not None:
+            self.restraint.known, self.restraint.skipped = state["restraint"]
 
     def _reacquired(self, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
         """The best of some searches for root and torso that look further afield."""

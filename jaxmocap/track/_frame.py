@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +36,9 @@ ONTO_ROBUST, ONTO_STEPS = 0.3, 8
 """Geman-McClure scale of the start from detections, metres, and its steps."""
 
 
+_CARRIED = ("rectangle", "past", "lost", "tracked", "passed_over")
+
+
 class FrameTracker:
     """Tracks one frame after the other; what one frame hands to the next lives here (host)."""
 
@@ -58,6 +62,25 @@ class FrameTracker:
         kept = self.hindsight.longest + 2 if self.hindsight is not None else 0
         self.tracked: deque[tuple[Tracked, FrameResult]] = deque(maxlen=kept)
         self.passed_over: list[FrameResult] = []
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the frames so far have left behind: with it, and the same inputs, another tracker goes on to
+        the same bits."""
+        return {
+            **{name: getattr(self, name) for name in _CARRIED},
+            "capacity": self.score.capacity,
+            "search": None if self.search is None else self.search.state(),
+            "observations": self.observations.state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take over what `state` said."""
+        for name in _CARRIED:
+            setattr(self, name, state[name])
+        self.score.capacity = state["capacity"]
+        if self.search is not None:
+            self.search.restore(state["search"])
+        self.observations.restore(state["observations"])
 
     # Stages -----------------------------------------------------------------------------------------------------
 

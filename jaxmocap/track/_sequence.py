@@ -18,6 +18,7 @@ from jaxmocap.character import Character, Pose
 from jaxmocap.motion import Motion, cameras_at
 from jaxmocap.observation import FrameImages, Observations
 
+from ._checkpoint import Checkpoint
 from ._confidence import VerdictSettings
 from ._frame import FrameTracker
 from ._frame_result import FrameResult
@@ -51,8 +52,13 @@ def observe(
     return Observations(capture, cameras, character, appearance, key_poses_of(key_poses), detections=detections)
 
 
-def _backwards(capture: Capture, start: int, stop: int) -> Iterator[FrameImages]:
-    for frame in range(start, stop, -1):
+def _shown(observations: Observations, leg: range) -> Iterator[FrameImages]:
+    """The frames of a leg, decoded as they are needed."""
+    if leg.step > 0:
+        yield from observations.frames(leg.start, leg.stop)
+        return
+    capture = observations.capture
+    for frame in leg:
         images = [capture.image(camera, frame) for camera in range(capture.num_cameras)]
         yield FrameImages(frame, float(capture.timestamps[frame]), images)
 
@@ -64,11 +70,13 @@ def track_frames(
     key: PRNGKeyArray,
     frames: tuple[int, int] | None = None,
     progress: Callable[[Progress], None] | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> list[FrameResult]:
     """Results of every frame in `frames` (start, stop), in order.
 
     Tracking starts at the last selected frame not after the first one wanted; when all selected frames come later, it
-    starts at the earliest and also runs backwards.
+    starts at the earliest and also runs backwards. With a `checkpoint` what is done is kept on disk, and what it holds
+    is not done again: the results are the same bits.
     """
     capture = observations.capture
     first, stop = frames if frames is not None else (0, capture.num_frames)
@@ -80,25 +88,33 @@ def track_frames(
     known = sorted(observations.key_poses)
     before = [frame for frame in known if frame <= first]
     start = before[-1] if before else known[0]
+    legs = [range(start, max(stop, start + 1))]
+    if start > first:
+        legs.append(range(start, first - 1, -1))
     total = max(stop - start, 1) + max(start - first, 0)
-    results: dict[int, FrameResult] = {}
-
-    def run(shown_frames: Iterator[FrameImages]) -> None:
+    saved = checkpoint.load(observations) if checkpoint is not None else None
+    results = saved.results if saved is not None else {}
+    for number, leg in enumerate(legs):
+        if saved is not None and number < saved.leg:
+            continue
         worker = FrameTracker(observations, tracker, key)
-        for shown in shown_frames:
+        if saved is not None and number == saved.leg:
+            worker.restore(saved.state)
+            saved = saved._replace(state={})
+            leg = range(saved.frame + leg.step, leg.stop, leg.step)
+        for shown in _shown(observations, leg):
             is_start = shown.frame == start
             result = worker.first(shown, observations.key_poses[start]) if is_start else worker.track(shown)
             release_memory()
-            if shown.frame not in results:
-                results[shown.frame] = result
-                for revised in worker.look_back():
-                    results[revised.frame] = revised
-                if progress is not None:
-                    progress(Progress(len(results), total, result))
-
-    run(observations.frames(start, max(stop, start + 1)))
-    if start > first:
-        run(_backwards(capture, start, first - 1))
+            if shown.frame in results:
+                continue
+            results[shown.frame] = result
+            for revised in worker.look_back():
+                results[revised.frame] = revised
+            if checkpoint is not None:
+                checkpoint.keep(results, number, shown.frame, worker)
+            if progress is not None:
+                progress(Progress(len(results), total, result))
     return [results[frame] for frame in range(first, stop)]
 
 

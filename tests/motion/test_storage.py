@@ -1,4 +1,5 @@
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,6 +108,21 @@ def test_a_full_disk_leaves_no_result(motion, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="No space left"):
         motion.save(tmp_path / "result")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_how_long_it_took_is_in_the_report_alone(motion, tmp_path):
+    """Two runs of the same give the same `motion.npz`, and each still knows its time."""
+    files = []
+    for seconds in (1.0, 2.0):
+        timed = replace(
+            motion, provenance={**motion.provenance, "seconds": {"track": seconds}, "seconds_per_frame": seconds}
+        )
+        files.append(timed.save(tmp_path / str(seconds)) / "motion.npz")
+        assert Motion.load(tmp_path / str(seconds)).provenance == timed.provenance
+    assert files[0].read_bytes() == files[1].read_bytes()
+    for broken in ("{", "[]", '{"provenance": 3}'):
+        (tmp_path / "1.0" / "report.json").write_text(broken)
+        assert Motion.load(tmp_path / "1.0").provenance == motion.provenance
 
 
 def test_an_interrupted_write_keeps_the_old_file(tmp_path):

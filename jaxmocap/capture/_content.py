@@ -1,0 +1,51 @@
+"""What a capture holds, as one hash: the same for a copy under another name, another for one changed pixel."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from jaxmocap._records import digest
+
+from ._capture import Capture
+from ._keypoints import keypoint_file, mask_file
+
+_CHUNK = 1 << 20
+
+
+def content_hash(capture: Capture) -> str:
+    """Hash of the videos, the cameras, the keypoints, the masks and the settings of `capture.toml` that matter for
+    tracking; not of comments, names of files, or the truth. Reads every video once."""
+    settings = (capture.up, capture.metres_per_unit, capture.selected_frames, capture.offsets, capture.camera_names)
+    cameras = None if capture.cameras_path is None else capture.cameras
+    found = hashlib.blake2b(digest((settings, capture.video_frames, cameras)).encode(), digest_size=16)
+    for video in capture.videos:
+        _add(found, "video", video)
+    for frame in range(capture.num_frames):
+        for camera, name in enumerate(capture.camera_names):
+            own = int(capture.video_frames[camera, frame])
+            for kind, folder, file in (
+                ("keypoints", capture.keypoints_folder, keypoint_file),
+                ("mask", capture.masks_folder, mask_file),
+            ):
+                if folder is not None and (path := file(folder, name, own)).is_file():
+                    _add(found, f"{kind} {camera} {frame}", path)
+    for (camera, frame), mask in sorted(capture.found_masks.items()):
+        found.update(f"found mask {camera} {frame} {mask.shape}".encode() + np.packbits(mask).tobytes())
+    return found.hexdigest()
+
+
+def folder_hash(folder: Path) -> str:
+    """Hash of all files of a folder, by name."""
+    found = hashlib.blake2b(digest_size=16)
+    for path in sorted(folder.iterdir()):
+        if path.is_file():
+            _add(found, path.name, path)
+    return found.hexdigest()
+
+
+def _add(found: "hashlib.blake2b", name: str, path: Path) -> None:
+    found.update(f"{name} {path.stat().st_size} ".encode())
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK):
+            found.update(chunk)

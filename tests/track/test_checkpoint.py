@@ -1,0 +1,121 @@
+"""A sequence that was cut off goes on to the same bits."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from jaxmocap._records import digest
+from jaxmocap._results import InputError
+from jaxmocap.appearance import AppearanceSettings
+from jaxmocap.observation import Observations
+from jaxmocap.track import Checkpoint, Effort, Tracker, _checkpoint, track_frames
+
+KEY = jax.random.key(3)
+INPUTS = {"seed": 3, "settings": "these"}
+
+
+class CutOff(Exception):
+    """Stands for a kill after a frame."""
+
+
+def tracker():
+    """Everything that remembers something, with little effort."""
+    normal = Tracker.preset("normal")
+    search = replace(
+        normal.search, stages=(Effort(4, 3, 0.25),), particles=24, retry=replace(normal.search.retry, tries=1)
+    )
+    return replace(normal, search=search, refine=replace(normal.refine, rounds=1))
+
+
+def observations(world):
+    settings = AppearanceSettings(behind="plate")
+    appearance = replace(world.appearance, settings=settings)
+    return Observations(world.capture, world.cameras, world.character, appearance, world.key_poses)
+
+
+def run(world, checkpoint=None, stop_after=None):
+    def told(step):
+        if step.done == stop_after:
+            raise CutOff
+
+    return track_frames(observations(world), tracker(), key=KEY, progress=told, checkpoint=checkpoint)
+
+
+def content(results):
+    return digest([replace(result, seconds={}) for result in results])
+
+
+@pytest.fixture(scope="module")
+def whole(world):
+    return content(run(world))
+
+
+@pytest.mark.parametrize("stop_after", [1, 2])
+def test_it_goes_on_to_the_same_bits(world, whole, tmp_path, stop_after):
+    folder = tmp_path / "checkpoint"
+    with pytest.raises(CutOff):
+        run(world, Checkpoint(folder, INPUTS, share=np.inf), stop_after)
+    assert Checkpoint(folder).exists
+    told = []
+    going_on = Checkpoint(folder, INPUTS)
+    results = track_frames(
+        observations(world), tracker(), key=KEY, progress=lambda step: told.append(step.done), checkpoint=going_on
+    )
+    assert content(results) == whole
+    assert len(told) == 3 - stop_after, "frames that were done are not done again"
+    going_on.remove()
+    assert not folder.exists()
+
+
+def test_a_kill_while_it_is_written_leaves_the_one_before(world, whole, tmp_path, monkeypatch):
+    folder = tmp_path / "checkpoint"
+    with pytest.raises(CutOff):
+        run(world, Checkpoint(folder, INPUTS), 1)
+    before = sorted(path.name for path in folder.iterdir())
+
+    def full(path, *_):
+        if path.name == "state.npz":
+            raise OSError(28, "No space left on device")
+        path.write_bytes(b"half")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_checkpoint, "write_records", full)
+        with pytest.raises(InputError, match=r"cannot be written \(No space left on device\); make room"):
+            run(world, Checkpoint(folder, INPUTS))
+    assert set(before) < {path.name for path in folder.iterdir()}
+    assert content(run(world, Checkpoint(folder, INPUTS))) == whole
+
+
+def test_other_inputs_and_damage_are_refused(world, tmp_path):
+    folder = tmp_path / "out" / "checkpoint"
+    with pytest.raises(CutOff):
+        run(world, Checkpoint(folder, INPUTS), 1)
+    with pytest.raises(InputError, match="begun with another seed;"):
+        Checkpoint(folder, {**INPUTS, "seed": 4}).load(observations(world))
+    state = folder / "state.npz"
+    state.write_bytes(state.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"out cannot be continued .* delete"):
+        Checkpoint(folder, INPUTS).load(observations(world))
+
+
+def test_nothing_is_kept_where_nothing_is_asked(world, tmp_path):
+    assert Checkpoint(tmp_path / "none").load(observations(world)) is None
+
+
+def test_writing_takes_little_of_the_time(tmp_path, monkeypatch):
+    """A checkpoint that takes a second is due after the first frame, and again when fifty seconds have passed."""
+    now, written = [1000.0], []
+    monkeypatch.setattr(_checkpoint.time, "monotonic", lambda: now[0])
+    checkpoint = Checkpoint(tmp_path)
+
+    def save(_results, _leg, frame, _worker):
+        written.append(frame)
+        now[0] += 1.0
+
+    monkeypatch.setattr(checkpoint, "save", save)
+    for frame in range(6):
+        checkpoint.keep({}, 0, frame, None)
+        now[0] += 20.0
+    assert written == [0, 3]
