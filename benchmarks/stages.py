@@ -49,7 +49,9 @@ def measure(capture: Path, frames: tuple[int, int] | None, quality: str, seed: i
             if stage == "track":
                 peaks[done] = peak_memory()
 
-        motion = track_capture(capture, out, quality=quality, seed=seed, frames=frames, overlays=False, progress=note)
+        motion = track_capture(
+            capture, out, quality=quality, seed=seed, frames=frames, overlays=False, progress=note, cache=False
+        )
         wall = time.perf_counter() - begin
         report = json.loads((out / "report.json").read_text())
         truth = motion.provenance.get("truth")

@@ -99,10 +99,11 @@ def test_prepare_keeps_what_the_user_has_set(monkeypatch):
         [sys.executable, "-c", code], env=unset | {"XDG_CACHE_HOME": "/c"}, capture_output=True, text=True, check=True
     )
     theirs = unset | {"JAX_COMPILATION_CACHE_DIR": "/elsewhere", "JAX_NUM_CPU_DEVICES": "3", "JAX_PLATFORMS": "cpu"}
+    theirs |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.25"}
     kept = subprocess.run([sys.executable, "-c", code], env=theirs, capture_output=True, text=True, check=True)
     if sys.platform == "linux":
-        assert ours.stdout.startswith("/c/jaxmocap/xla 0.5 ")
-    assert kept.stdout.split() == ["/elsewhere", "0.5", "3"]
+        assert ours.stdout.startswith("/c/jaxmocap/xla 0.0 ")
+    assert kept.stdout.split() == ["/elsewhere", "0.25", "3"]
 
 
 # Mistakes ---------------------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ def replace_poses(folder: Path) -> None:
     """Write the model to `cameras` with the poses and focal lengths' factors of `poses.npz`, its points adjusted to
     them."""
     model = _model(folder)
-    with np.load(folder / "poses.npz") as arrays:
+    with np.load(folder / "poses.npz", allow_pickle=False) as arrays:
         poses = dict(zip(arrays["names"].tolist(), arrays["cam_from_world"], strict=True))
         factors = dict(zip(arrays["cameras"].tolist(), arrays["factors"], strict=True))
     scaled = set()

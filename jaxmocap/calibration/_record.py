@@ -32,7 +32,7 @@ class Solved:
 
     @staticmethod
     def read(file: Path, capture: Capture, footage: Footage) -> "Solved":
-        with np.load(file) as arrays:
+        with np.load(file, allow_pickle=False) as arrays:
             tables = dict(arrays)
         return Solved(
             sizes=capture.sizes,

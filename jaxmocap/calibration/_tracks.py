@@ -47,7 +47,7 @@ def _from_model(capture: Capture, folder: Path, progress: Report) -> Tracks:
         work = Path(temporary)
         (work / "model.json").write_text(json.dumps(str(folder.resolve())), encoding="utf-8")
         run_worker("tracks", work, progress)
-        with np.load(work / "tracks.npz") as arrays:
+        with np.load(work / "tracks.npz", allow_pickle=False) as arrays:
             table = dict(arrays)
     places = [name.rsplit("/", 1) for name in table["names"].tolist()]
     numbers = {name: index for index, name in enumerate(capture.camera_names)}

@@ -34,7 +34,7 @@ def check_calibration(capture: Capture, cameras: Cameras, distance: float | None
         for camera, name in enumerate(cameras.names):
             yield from _camera(capture, camera, record["cameras"][name], table[name], distance)
         yield from _world(record, folder.name, (folder / "calibration.png").is_file())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         yield Finding(
             "warning",
             folder.name,
@@ -126,7 +126,7 @@ def _refinement(capture: Capture, report: Path) -> Iterator[Finding]:
                 f"{camera['turned_degrees']:.2f} degrees; its clock by {1000 * camera['late_seconds']:+.1f} ms, known "
                 f"to {1000 * camera['late_deviation_seconds']:.1f} ms",
             )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         yield Finding(
             "warning",
             report.parent.name,

@@ -30,7 +30,7 @@ def check_sync(file: Path, config: CaptureConfig) -> Iterator[Finding]:
     try:
         record = json.loads(report.read_text(encoding="utf-8"))
         yield from _findings(record, config)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         yield Finding(
             "warning",
             "sync",

@@ -13,6 +13,7 @@ from jaxmocap._results import InputError
 from ._findings import Finding
 
 _FRAMES_LINE = re.compile(r"\s*frames\s*=")
+_LONGEST_NAME, _LONGEST_PATH = 255, 2000  # bytes of a name, characters of a path
 _LINE_NUMBER = re.compile(r"at line (\d+)")
 
 
@@ -25,6 +26,8 @@ def _inside(path: str) -> str:
             break
     if not path.strip() or pure.is_absolute() or re.match(r"[A-Za-z]:", path) or depth < 0 or "\0" in path:
         raise ValueError("is outside the capture folder; expected a relative path inside it")
+    if any(len(part.encode()) > _LONGEST_NAME for part in pure.parts) or len(path) > _LONGEST_PATH:
+        raise ValueError("is longer than the name of any file; expected a relative path inside the capture folder")
     return path
 
 
@@ -84,6 +87,8 @@ def _parse(file: Path) -> tuple[dict[str, Any], list[Finding]]:
     while True:
         try:
             return tomllib.loads(text), findings
+        except RecursionError:
+            raise InputError(f"{file} is nested too deeply to be a capture's configuration") from None
         except tomllib.TOMLDecodeError as error:
             number = _LINE_NUMBER.search(str(error))
             line = int(number[1]) if number else len(text.splitlines())

@@ -31,7 +31,9 @@ def read_people(file: Path) -> list[Float64[np.ndarray, "25 3"]]:
     try:
         document = json.loads(file.read_text(encoding="utf-8"))
         people = [person["pose_keypoints_2d"] for person in document["people"]]
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except OSError as error:
+        raise InputError(f"keypoints {file} cannot be read: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
         raise InputError(f"keypoints {file} is not JSON: {error}") from error
     except (KeyError, TypeError) as error:
         raise InputError(
@@ -48,7 +50,7 @@ def read_people(file: Path) -> list[Float64[np.ndarray, "25 3"]]:
             )
         try:
             points = np.asarray(person, float).reshape(25, 3)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(f"keypoints {file} holds something other than numbers") from None
         if not np.isfinite(points).all():
             raise InputError(f"keypoints {file} holds values that are not finite")

@@ -39,7 +39,7 @@ def _open(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
     if not path.is_file():
         raise InputError(f"video {path} does not exist")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), metadata_errors="replace")
     except (av.FFmpegError, OSError) as error:
         raise InputError(
             f"video {path} cannot be opened: {getattr(error, 'strerror', None) or error}; it is no video, or the file "

@@ -174,7 +174,7 @@ def _read_table(path: Path) -> Mapping[str, str]:
     text = path.read_text(encoding="utf-8", errors="replace")
     try:
         content = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not readable as JSON or TOML: {error}.") from None
     if not isinstance(content, dict) or not all(isinstance(body, str) for body in content.values()):
         raise InputError(f"{path} must be one flat table of file joint = body, both as text.")

@@ -106,20 +106,21 @@ def read_pose_file(path: str | Path) -> Overrides:
     Raises `InputError` for anything else.
     """
     try:
-        raw = json.loads(Path(path).read_text())
-    except (OSError, ValueError) as error:
+        raw = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"the pose file {path} cannot be read as JSON ({error}).") from error
     expected = f'the pose file {path} must map frames to degrees of freedom, like {{"0": {{"l_elbow_flex": 30}}}}'
     if not isinstance(raw, dict):
         raise InputError(f"{expected}; its top level is {type(raw).__name__}.")
     overrides: Overrides = {}
     for frame, values in raw.items():
-        if not (frame.isascii() and frame.isdigit()) or not isinstance(values, dict):
-            raise InputError(f"{expected}; found the entry {frame!r}.")
+        if not (frame.isascii() and frame.isdigit() and len(frame) < 10) or not isinstance(values, dict):
+            raise InputError(f"{expected}; found the entry {frame[:40]!r}.")
         for name, value in values.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST_VALUE:
                 raise InputError(
-                    f"the pose file {path} gives {name} at frame {frame} the value {value!r}; a number is expected."
+                    f"the pose file {path} gives {name} at frame {frame} the value "
+                    f"{repr(value)[:40]}; a number is expected."
                 )
         overrides[int(frame)] = {name: float(value) for name, value in values.items()}
     return overrides

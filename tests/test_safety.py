@@ -1,0 +1,59 @@
+"""Nothing in the package runs what a file says: no pickle, no eval, no shell."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FILES = sorted([*(ROOT / "jaxmocap").rglob("*.py"), *(ROOT / "benchmarks").glob("*.py")])
+MODULES = {"pickle", "cPickle", "marshal", "shelve", "dill", "cloudpickle", "joblib"}
+CALLS = {"eval", "exec", "compile", "__import__", "system", "popen"}
+
+
+def offences(source: str) -> list[str]:
+    """What a file does that could run foreign code."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""]
+            found += [f"line {node.lineno} imports {name}" for name in names if name.split(".")[0] in MODULES]
+        if isinstance(node, ast.Call):
+            name, owner = "", ""
+            if isinstance(node.func, ast.Name):
+                name = node.func.id
+            elif isinstance(node.func, ast.Attribute) and isinstance(node.func.value, ast.Name):
+                name, owner = node.func.attr, node.func.value.id
+            if name in CALLS and owner in ("", "os", "builtins"):
+                found.append(f"line {node.lineno} calls {name}")
+            for keyword in node.keywords:
+                on = not (isinstance(keyword.value, ast.Constant) and keyword.value.value is False)
+                if keyword.arg in ("shell", "allow_pickle") and on:
+                    found.append(f"line {node.lineno} gives {keyword.arg}")
+            if owner in ("np", "numpy") and name == "load" and "allow_pickle" not in {k.arg for k in node.keywords}:
+                found.append(f"line {node.lineno} loads without allow_pickle=False")
+            if owner == "yaml" and name == "load":
+                found.append(f"line {node.lineno} loads YAML with constructors")
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=[str(path.relative_to(ROOT)) for path in FILES])
+def test_no_file_runs_foreign_code(path):
+    assert not offences(path.read_text())
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import pickle",
+        "from joblib import load",
+        "eval(text)",
+        "os.system(text)",
+        "subprocess.run(text, shell=True)",
+        "np.load(path)",
+        "np.load(path, allow_pickle=True)",
+        "yaml.load(text)",
+    ],
+)
+def test_the_test_sees_it(source):
+    assert offences(source)
