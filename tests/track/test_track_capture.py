@@ -77,6 +77,50 @@ def test_the_same_seed_gives_the_same_bytes(folder, result, tmp_path):
     assert again.angles.tobytes() == motion.angles.tobytes()
 
 
+@pytest.mark.parametrize(("late", "done"), [(False, 1), (False, 4), (True, 2), (True, 4)])
+def test_a_run_that_was_cut_off_goes_on_to_the_same_file(tmp_path, late, done):
+    """Also one that runs backwards from a late selected frame, cut off in either direction."""
+    truth = make_capture(5, (320, 180), selected_frames=(2,) if late else (0,))
+    folder = write_capture(truth, tmp_path / "film")
+
+    def run(name, progress=None, **options):
+        track_capture(folder, tmp_path / name, quality="draft", overlays=False, progress=progress, **options)
+        return (tmp_path / name / "motion.npz").read_bytes()
+
+    def cut_off(stage, frames, _):
+        if (stage, frames) == ("track", done):
+            raise KeyboardInterrupt
+
+    whole, said = run("whole"), []
+    with pytest.raises(KeyboardInterrupt):
+        run("cut", cut_off, say=said.append)
+    assert "the same command with --resume goes on" in said[-1]
+    assert not (tmp_path / "cut" / "motion.npz").exists()
+    with pytest.raises(InputError, match="holds an unfinished run; go on with --resume"):
+        run("cut")
+    with pytest.raises(InputError, match="was begun with another seed;"):
+        run("cut", resume=True, seed=1)
+    assert run("cut", resume=True) == whole
+    assert run("cut", resume=True, progress=cut_off) == whole, "a finished run is read, not repeated"
+    with pytest.raises(InputError, match="the result of another quality and settings;"):
+        track_capture(folder, tmp_path / "cut", resume=True)
+    assert not (tmp_path / "cut" / "checkpoint").exists()
+
+
+def test_what_was_kept_from_an_earlier_run_changes_nothing(folder, result, tmp_path):
+    """The first run made the stages; this one makes them again, and the next takes them from the cache."""
+    told = []
+    for cache in (False, True):
+        out = tmp_path / str(cache)
+        told.append([])
+        track_capture(
+            folder, out, quality="draft", overlays=False, cache=cache, progress=lambda *step: told[-1].append(step[0])
+        )
+        assert (out / "motion.npz").read_bytes() == (result[1] / "motion.npz").read_bytes()
+    assert "register" in told[0]
+    assert "register" not in told[1]
+
+
 def test_a_folder_that_holds_a_result_is_not_written_into(folder, result):
     before = {path.name: path.stat().st_mtime_ns for path in result[1].iterdir()}
     with pytest.raises(InputError, match="first"):
