@@ -9,33 +9,42 @@ from jaxmocap.motion import Motion
 from ._exporter import ExportForm
 
 RESIDUAL_AT_ZERO = 0.1
-"""Metres: the residual of a marker of no confidence. It falls to 0 as the confidence rises to 1."""
-_STEPS = 200
+"""Metres: the residual of a marker of no confidence, which falls to 0 as the confidence rises to 1, in motions that do
+not know their uncertainty."""
+_STEPS = 255
 """C3D stores a residual as a whole number of steps, at most 255."""
-_NOTE = f"residual = {RESIDUAL_AT_ZERO:g} m * (1 - confidence); -1 where it is 0 or the person is lost"
+_LOST = "; -1 where a joint has no confidence or the person is lost"
 
 
 def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
-    """The joints and landmarks as virtual markers. A frame that is lost, and a joint without any confidence, is marked
-    as C3D marks what was not seen, by a residual of -1: most programs show a gap there."""
+    """The joints and landmarks as virtual markers. The residual is the standard deviation of a place along one axis,
+    the root of the mean over the three, where the motion knows its uncertainty. A frame that is lost, and a joint
+    without any confidence, is marked as C3D marks what was not seen, by a residual of -1: most programs show a gap."""
     import ezc3d
 
+    confidence = np.where((motion.status == "lost")[:, None], 0.0, motion.confidence.astype(np.float64))
+    if motion.covariance is None:
+        step, metres = 0.0005, RESIDUAL_AT_ZERO * (1 - confidence)
+        note = f"residual = {RESIDUAL_AT_ZERO:g} m * (1 - confidence)"
+    else:
+        variance = np.trace(motion.covariance.astype(np.float64), axis1=2, axis2=3) / 3
+        step, metres = 0.002, np.sqrt(np.maximum(variance, 0))
+        note = "residual = standard deviation of the place along one axis"
+    residuals = np.where(confidence > 0, form.per_metre * np.minimum(metres + step / 2, step * _STEPS), -1.0)
     file = ezc3d.c3d()
     point = file["parameters"]["POINT"]
     rate = form.frame_rate or 30.0
     point["RATE"]["value"] = [rate]
     point["UNITS"]["value"] = [form.units]
-    point["SCALE"]["value"] = [-form.per_metre * RESIDUAL_AT_ZERO / _STEPS]  # negative: places are floating-point
+    point["SCALE"]["value"] = [-form.per_metre * step]  # negative: places are floating-point
     point["LABELS"]["value"] = list(motion.joint_names)
-    point["DESCRIPTIONS"]["value"] = [f"virtual marker, {_NOTE}"] * len(motion.joint_names)
+    point["DESCRIPTIONS"]["value"] = [f"virtual marker, {note}{_LOST}"] * len(motion.joint_names)
     file.add_parameter("POINT", "X_SCREEN", ["+X"])
     file.add_parameter("POINT", "Y_SCREEN", [f"+{form.up.upper()}"])
-    file.add_parameter("JAXMOCAP", "RESIDUALS", [_NOTE])
+    file.add_parameter("JAXMOCAP", "RESIDUALS", [note + _LOST])
     file.add_parameter("JAXMOCAP", "START_SECONDS", [float(motion.timestamps[0])])
     places = np.ones((4, len(motion.joint_names), len(motion)))
     places[:3] = form.per_metre * motion.joints.astype(np.float64).transpose(2, 1, 0)
     file["data"]["points"] = places
-    confidence = np.where((motion.status == "lost")[:, None], 0.0, motion.confidence.astype(np.float64))
-    residuals = np.where(confidence > 0, form.per_metre * RESIDUAL_AT_ZERO * (1 - confidence), -1.0)
     file["data"]["meta_points"]["residuals"] = residuals.T[None]
     file.write(str(path))

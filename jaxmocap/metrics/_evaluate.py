@@ -15,6 +15,9 @@ from ._markers import marker_error
 from ._statistics import joint_statistics, marker_statistics
 from ._truth import Truth
 
+REGIONS = (0.5, 0.9, 0.99)
+"""Shares of the truth that the regions of a motion's uncertainty should hold."""
+
 
 def evaluate(
     result: Motion | str | os.PathLike[str],
@@ -29,8 +32,9 @@ def evaluate(
     `joints` restricts the joints compared.
 
     Returns what is known of, in centimetres: `frames`, `lost_frames`, `marker_error_cm` {mean, min, max, p95},
-    `joint_error_cm` and `joint_error_offset_corrected_cm` {mean, p95, max}, `pa_mpjpe_cm`, `seconds_per_frame`, and
-    further keys. `min` and `max` of markers are over frames of the per-frame mean; `p95` and the joints' `max` are over
+    `joint_error_cm` and `joint_error_offset_corrected_cm` {mean, p95, max}, `pa_mpjpe_cm`, `seconds_per_frame`,
+    `uncertainty_coverage` (how often the regions of 50, 90 and 99 % hold the true joint), and further keys. `min` and
+    `max` of markers are over frames of the per-frame mean; `p95` and the joints' `max` are over
     single points. Raises `InputError` if the files cannot be read or do not belong together.
     """
     motion = result if isinstance(result, Motion) else Motion.load(result)
@@ -98,6 +102,8 @@ def _joint_scores(motion: Motion, truth: Truth, joints: Sequence[str] | None, pl
         ),
         "pck_150mm": errors.correct_keypoints(),
     }
+    if errors.deviations is not None:
+        scores["uncertainty_coverage"] = {f"{100 * share:g}%": errors.coverage(share) for share in REGIONS}
     if errors.root_aligned is not None:
         scores["mpjpe_root_aligned_cm"] = float(100 * np.nanmean(errors.root_aligned))
     if np.isfinite(errors.procrustes).any():

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
 from jaxmocap._results import InputError
 from jaxmocap.geometry import IDENTITY, Similarity, fit_similarity
@@ -24,6 +25,7 @@ class JointErrors:
     where neither is known. `procrustes` first applies the best similarity of each frame (PA-MPJPE). `offset_corrected`
     removes from each joint its mean residual in the frame of the body it belongs to: two definitions of a joint that
     differ by a fixed vector on the bone then agree. `acceleration` is |a - a*| in m/s^2 at inner frames.
+    `deviations` are the raw errors in standard deviations of the motion's covariance (Mahalanobis), None without one.
     """
 
     names: tuple[str, ...]
@@ -32,10 +34,19 @@ class JointErrors:
     procrustes: Float[np.ndarray, "frame joint"]
     offset_corrected: Float[np.ndarray, "frame joint"]
     acceleration: Float[np.ndarray, "inner joint"]
+    deviations: Float[np.ndarray, "frame joint"] | None = None
 
     def correct_keypoints(self, radius: float = 0.15) -> float:
         """PCK: the share of raw distances below `radius` metres."""
         return float(np.mean(self.raw[np.isfinite(self.raw)] < radius))
+
+    def coverage(self, share: float) -> float:
+        """How often the truth lies in the region that should hold this share of it, an ellipsoid about the place found;
+        NaN without a covariance."""
+        if self.deviations is None:
+            return float("nan")
+        known = self.deviations[np.isfinite(self.deviations)]
+        return float(np.mean(known**2 <= chi2.ppf(share, 3)))
 
 
 def joint_errors(
@@ -67,6 +78,12 @@ def joint_errors(
 
     bodies = [motion.character.skeleton.landmark_bodies[joint] for joint in ours]
     rotations = truth_from_world.rotation @ motion.body_transforms[:, bodies, :3, :3].astype(np.float64)
+    deviations = None
+    if motion.covariance is not None:
+        turn = truth_from_world.scale * truth_from_world.rotation
+        covariance = turn @ motion.covariance[:, ours].astype(np.float64) @ turn.T
+        whitened = np.linalg.solve(np.linalg.cholesky(covariance), (true - found)[..., None])
+        deviations = _lengths(whitened[..., 0])
     local = np.einsum("tjik,tji->tjk", rotations, true - found)
     return JointErrors(
         names=compared,
@@ -75,6 +92,7 @@ def joint_errors(
         procrustes=np.stack([_after_procrustes(*frame) for frame in zip(found, true, strict=True)]),
         offset_corrected=_lengths(local - _mean_over_frames(local)),
         acceleration=_lengths(accelerations(true, motion.timestamps) - accelerations(found, motion.timestamps)),
+        deviations=deviations,
     )
 
 

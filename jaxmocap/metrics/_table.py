@@ -38,6 +38,9 @@ def _caption(scores: Mapping[str, Any]) -> str:
         parts.append(f"{scores['seconds_per_frame']:.2f} s per frame")
     if "frames_without_truth" in scores:
         parts.append(f"{scores['frames_without_truth']} more without truth")
+    if "uncertainty_coverage" in scores:
+        held = ", ".join(f"{region}: {100 * share:.0f}%" for region, share in scores["uncertainty_coverage"].items())
+        parts.append(f"true joints in their regions of {held}")
     if "aligned_by" in scores:
         parts.append(f"aligned by {scores['aligned_by']}")
     return "; ".join(parts)

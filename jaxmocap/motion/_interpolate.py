@@ -71,6 +71,7 @@ def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
         provenance=motion.provenance,
         cameras=None if motion.cameras is None else _cameras_between(motion.cameras, motion.timestamps, times, between),
         up=motion.up,
+        covariance=None if motion.covariance is None else between(motion.covariance),
     )
 
 

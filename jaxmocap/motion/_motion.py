@@ -25,10 +25,11 @@ class Motion:
 
     `root` is `world_from_body` and `angles` the 33 joint angles: together the pose of Eq. 2. `frames` are frame numbers
     of the first camera's video and `timestamps` their times in seconds since its first frame. `joints` are the
-    skeleton's landmarks, named by `joint_names`; `confidence` in [0, 1] is theirs. `energy` holds each term's value per
-    frame, NaN where it was not evaluated. `status` says per frame "ok", "doubtful" or "lost". `cameras`, when known,
-    has the frame axis of this motion. `provenance` holds whatever tells how it was made, as JSON knows it; the key
-    `seconds_per_frame` is read by `evaluate`. `up` is the world's vertical axis, "y" or "z".
+    skeleton's landmarks, named by `joint_names`; `confidence` in [0, 1] is theirs, and `covariance`, when known, that
+    of their places, square metres. `energy` holds each term's value per frame, NaN where it was not evaluated. `status`
+    says per frame "ok", "doubtful" or "lost". `cameras`, when known, has the frame axis of this motion. `provenance`
+    holds whatever tells how it was made, as JSON knows it; the key `seconds_per_frame` is read by `evaluate`. `up` is
+    the world's vertical axis, "y" or "z".
 
     Raises `InputError` if shapes disagree, a pose is not finite or rigid, frames or timestamps do not increase, or a
     status is unknown.
@@ -46,10 +47,13 @@ class Motion:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     cameras: Cameras | None = None
     up: str = "y"
+    covariance: Float[np.ndarray, "frame joint 3 3"] | None = None
 
     def __post_init__(self) -> None:
         dtypes = {"root": np.float32, "angles": np.float32, "frames": np.int64, "timestamps": np.float64}
         dtypes |= {"joints": np.float32, "confidence": np.float32, "status": np.str_}
+        if self.covariance is not None:
+            dtypes["covariance"] = np.float32
         for name, dtype in dtypes.items():
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
         object.__setattr__(
@@ -71,6 +75,7 @@ class Motion:
         provenance: Mapping[str, Any] | None = None,
         cameras: Cameras | None = None,
         up: str = "y",
+        covariance: np.ndarray | None = None,
     ) -> Self:
         """A motion from stacked poses; `joints` are computed. Confidence defaults to 1 and status to "ok".
 
@@ -90,6 +95,7 @@ class Motion:
             provenance=provenance or {},
             cameras=cameras,
             up=up,
+            covariance=covariance,
         )
 
     def __len__(self) -> int:
@@ -101,6 +107,8 @@ class Motion:
             selection = np.asarray(selection)
         names = ("root", "angles", "frames", "timestamps", "joints", "confidence", "status")
         chosen: dict[str, Any] = {name: getattr(self, name)[selection] for name in names}
+        if self.covariance is not None:
+            chosen["covariance"] = self.covariance[selection]
         chosen["energy"] = {name: values[selection] for name, values in self.energy.items()}
         if self.cameras is not None:
             chosen["cameras"] = cameras_at(self.cameras, np.arange(len(self))[selection])
@@ -194,13 +202,15 @@ def _validate(motion: Motion) -> None:
     arrays: dict[str, np.ndarray] = {name: getattr(motion, name) for name in expected}
     for name, values in motion.energy.items():
         arrays[f"energy_{name}"], expected[f"energy_{name}"] = values, (frames,)
+    if motion.covariance is not None:
+        arrays["covariance"], expected["covariance"] = motion.covariance, (frames, joints, 3, 3)
     if motion.cameras is not None:
         arrays["cam_from_world"] = np.asarray(motion.cameras.cam_from_world)
         expected["cam_from_world"] = (len(motion.cameras.names), frames, 4, 4)
     for name, shape in expected.items():
         if arrays[name].shape != shape:
             raise InputError(f"The motion's {name} has shape {arrays[name].shape}; {shape} was expected.")
-    for name in ("root", "angles", "timestamps", "joints", "confidence", "cam_from_world"):
+    for name in ("root", "angles", "timestamps", "joints", "confidence", "covariance", "cam_from_world"):
         if name in arrays and not np.isfinite(arrays[name]).all():
             where = np.argwhere(~np.isfinite(arrays[name]))[0]
             raise InputError(f"The motion's {name} holds a number that is not finite, at {tuple(map(int, where))}.")

@@ -13,6 +13,7 @@ D = 39 degrees of freedom, J joints, B = 18 bodies, C cameras. Metres, radians, 
     frames (T,), timestamps (T,) frame numbers of the first camera's video and their times
     status (T,)                  "ok", "doubtful" or "lost";      confidence (T, J) in [0, 1]
     energy_terms (E,)            names; each is an array energy_<name> (T,), NaN where not evaluated
+    covariance (T, J, 3, 3)      of each joint's place in the world, square metres; only where it is known
     character_name (), vertices (V, 3), faces (F, 3), weights (V, B)                        the mesh at rest, Eq. 1
     body_names, body_parents (B,), dof_body, dof_lower, dof_upper (33,), dof_axes, dof_origins (33, 3)
     group_names (G,), group_sizes (G,), group_dofs (sum of sizes,)                          degrees of freedom by limb
@@ -154,6 +155,8 @@ def _arrays(motion: Motion) -> dict[str, np.ndarray]:
     arrays |= {"landmark_bodies": skeleton.landmark_bodies, "landmarks": skeleton.landmarks}
     lasting = {name: value for name, value in motion.provenance.items() if name not in _WALL_CLOCK}
     arrays |= {"up": motion.up, "provenance": json.dumps(plain(lasting), sort_keys=True, allow_nan=False)}
+    if motion.covariance is not None:
+        arrays["covariance"] = motion.covariance
     if motion.cameras is not None:
         cameras = motion.cameras
         arrays |= {
@@ -213,6 +216,7 @@ def _motion(arrays: dict[str, np.ndarray]) -> Motion:
         confidence=arrays["confidence"],
         status=arrays["status"],
         energy={name: arrays[f"energy_{name}"] for name in _words(arrays["energy_terms"])},
+        covariance=arrays.get("covariance"),
         provenance=json.loads(str(arrays["provenance"])),
         cameras=cameras,
         up=str(arrays["up"]),

@@ -19,10 +19,14 @@ def turned(motion: Motion, up: str) -> Motion:
     cameras = motion.cameras
     if cameras is not None:
         cameras = replace(cameras, cam_from_world=jnp.asarray(np.asarray(cameras.cam_from_world, float) @ turn.T))
+    covariance = motion.covariance
+    if covariance is not None:
+        covariance = turn[:3, :3] @ covariance @ turn[:3, :3].T
     return replace(
         motion,
         root=turn @ motion.root,
         joints=motion.joints @ turn[:3, :3].T,
         cameras=cameras,
         up=up,
+        covariance=covariance,
     )

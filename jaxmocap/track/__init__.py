@@ -52,3 +52,4 @@ from ._tracker import (
     Tracker as Tracker,
     appearance_preset as appearance_preset,
 )
+from ._uncertainty import UncertaintySettings as UncertaintySettings, joint_covariances as joint_covariances

@@ -25,6 +25,7 @@ from ._frame_result import FrameResult
 from ._lost import lost_spans, without_trust
 from ._register import Registration
 from ._tracker import Tracker
+from ._uncertainty import joint_covariances
 
 
 class Progress(NamedTuple):
@@ -140,6 +141,7 @@ def motion_of(
         capture.timestamps[positions],
         confidence=np.stack([result.confidence for result in results]),
         status=[result.status for result in results],
+        covariance=joint_covariances(character.skeleton, results),
         energy={name: np.array([result.energy.get(name, np.nan) for result in results]) for name in terms},
         provenance={
             "seconds_per_frame": float(np.mean(seconds)),

@@ -30,6 +30,18 @@ def test_c3d_holds_the_joints_in_millimetres_and_residuals_that_say_how_sure(eve
     assert (residuals[11] == -1).all()
 
 
+def test_c3d_residuals_are_the_uncertainty_where_it_is_known(even, tmp_path):
+    """Along one axis, to a millimetre; what does not fit into C3D's steps is the largest it can say."""
+    deviations = np.linspace(0.01, 0.06, len(even))[:, None] * np.ones(len(even.joint_names))
+    deviations[0, 0] = 3.0
+    covariance = deviations[..., None, None] ** 2 * np.diag([0.5, 1.0, 1.5])
+    file = ezc3d.c3d(str(export(replace(even, covariance=covariance), tmp_path / "dance.c3d")))
+    residuals = file["data"]["meta_points"]["residuals"][0].T
+    np.testing.assert_allclose(residuals[1:], 1000 * deviations[1:], atol=1.01)
+    assert residuals[0, 0] == pytest.approx(510, abs=1)
+    assert "standard deviation" in file["parameters"]["JAXMOCAP"]["RESIDUALS"]["value"][0]
+
+
 def test_c3d_says_which_way_is_up(even, tmp_path):
     file = ezc3d.c3d(str(export(even, tmp_path / "dance.c3d", up="z", units="m")))
     assert file["parameters"]["POINT"]["Y_SCREEN"]["value"] == ["+Z"]

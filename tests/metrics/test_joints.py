@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from box_figure import box_character, box_motion
@@ -32,6 +34,21 @@ def test_a_shift_is_seen_raw_and_removed_by_root_alignment(motion):
     assert np.allclose(errors.root_aligned, 0, atol=1e-5)
     assert errors.correct_keypoints() == 0
     assert joint_errors(motion, _true(motion) + 0.05, NAMES).correct_keypoints() == 1
+
+
+def test_regions_hold_their_share_of_a_truth_that_scatters_as_the_covariance_says():
+    """Also in a world that the result's is turned, scaled and moved to; half the deviation holds less."""
+    rng, motion = np.random.default_rng(3), box_motion(box_character(), num_frames=400)
+    shape = np.linalg.cholesky(np.array([[4.0, 1.0, 0.0], [1.0, 9.0, -2.0], [0.0, -2.0, 16.0]]) * 1e-4)
+    sure = replace(motion, covariance=np.broadcast_to(shape @ shape.T, (*motion.joints.shape, 3)))
+    placed = Similarity(1.7, Rotation.random(rng=rng).as_matrix(), np.array([1.0, 2.0, 3.0]))
+    true = placed(_true(motion) + rng.standard_normal(_true(motion).shape) @ shape.T)
+    errors = joint_errors(sure, true, NAMES, truth_from_world=placed)
+    for share in (0.5, 0.9, 0.99):
+        assert errors.coverage(share) == pytest.approx(share, abs=0.03)
+    narrow = joint_errors(replace(sure, covariance=sure.covariance / 4), true, NAMES, truth_from_world=placed)
+    assert narrow.coverage(0.9) < 0.6
+    assert np.isnan(joint_errors(motion, true, NAMES).coverage(0.9))
 
 
 def test_without_a_pelvis_the_hips_are_the_root(motion):

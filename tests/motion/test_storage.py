@@ -6,7 +6,18 @@ import pytest
 from box_figure import box_character, box_motion
 
 from jaxmocap._results import InputError
-from jaxmocap.motion import Motion, _storage, atomic_folder, atomic_path, claim_output, read_npz, write_json, write_npz
+from jaxmocap.motion import (
+    Motion,
+    _storage,
+    at_times,
+    atomic_folder,
+    atomic_path,
+    claim_output,
+    read_npz,
+    turned,
+    write_json,
+    write_npz,
+)
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +134,20 @@ def test_how_long_it_took_is_in_the_report_alone(motion, tmp_path):
     for broken in ("{", "[]", '{"provenance": 3}'):
         (tmp_path / "1.0" / "report.json").write_text(broken)
         assert Motion.load(tmp_path / "1.0").provenance == motion.provenance
+
+
+def test_the_covariance_is_kept_and_follows_the_world(motion, tmp_path):
+    spread = np.diag([1e-4, 4e-4, 9e-4]) + np.zeros((*motion.joints.shape, 3))
+    sure = replace(motion, covariance=spread)
+    loaded = Motion.load(sure.save(tmp_path / "sure"))
+    np.testing.assert_array_equal(loaded.covariance, sure.covariance)
+    assert loaded[1:].covariance.shape[0] == len(motion) - 1
+    np.testing.assert_allclose(turned(loaded, "z").covariance[0, 0], np.diag([1e-4, 9e-4, 4e-4]), atol=1e-9)
+    halfway = at_times(loaded, loaded.timestamps[:-1] + 0.01).covariance
+    np.testing.assert_allclose(halfway[0, 0], spread[0, 0], atol=1e-9)
+    with pytest.raises(InputError, match="covariance has shape"):
+        replace(motion, covariance=spread[:, :2])
+    assert Motion.load(motion.save(tmp_path / "unsure")).covariance is None
 
 
 def test_an_interrupted_write_keeps_the_old_file(tmp_path):
