@@ -1,0 +1,28 @@
+"""The actor in a file, skinned or not."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from jaxmocap.character import Character, has_skin
+
+from ._rig import rig
+
+
+def open_actor(path: str | Path, say: Callable[[str], None] | None = None) -> Character:
+    """The character in a skinned glTF file, or a bare mesh rigged on the spot, which `say` is told about.
+
+    Raises `InputError` as `Character.load` and `rig` do.
+    """
+    path = Path(path)
+    if path.suffix.lower() in (".glb", ".gltf", ".vrm") and has_skin(path):
+        return Character.load(path)
+    rigged = rig(path)
+    if say is not None:
+        report = rigged.report
+        say(
+            f"{path} has no skeleton and was rigged: {report['triangles']['after']:,} triangles, {report['height_m']:.2f} m "
+            "tall. `jaxmocap rig` keeps the result, which is faster and can be looked at."
+        )
+        for warning in report["warnings"]:
+            say(f"{path}: {warning}.")
+    return rigged.character
