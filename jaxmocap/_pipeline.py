@@ -17,6 +17,7 @@ from jaxmocap.capture import Capture, Detections
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion, claim_output, write_json
 from jaxmocap.observation import fit_capture_appearance
+from jaxmocap.rigging import open_actor
 from jaxmocap.track import (
     DetectionPlan,
     FrameResult,
@@ -49,15 +50,19 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def open_character(capture: Capture, actor: str | Path | None = None) -> Character:
-    """The character in the file `actor`, or else the capture's. Raises `InputError` when there is neither."""
+def open_character(
+    capture: Capture, actor: str | Path | None = None, say: Callable[[str], None] | None = None
+) -> Character:
+    """The character in the file `actor`, or else the capture's; a bare mesh is rigged, and `say` told so. Raises
+    `InputError` when there is neither."""
     if actor is not None:
-        return Character.load(actor)
+        return open_actor(actor, say)
     if capture.actor is None:
         raise InputError(
-            f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF, to capture.toml."
+            f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF or a bare mesh, to "
+            "capture.toml."
         )
-    return Character.load(capture.actor)
+    return open_actor(capture.actor, say)
 
 
 def registration_record(registrations: dict[int, Registration], character: Character, masks: MaskRecord) -> dict:
@@ -119,7 +124,7 @@ def track_capture(
     begin = time.perf_counter()
     with claim_output(out) as staging:
         capture = Capture.open(path)
-        character = open_character(capture, actor)
+        character = open_character(capture, actor, say)
         cameras = capture.cameras
         overrides = read_pose_file(pose_file) if pose_file is not None else None
         if detections is None and detections_frames is not None:

@@ -9,7 +9,7 @@ from rich.table import Table
 from jaxmocap._results import InputError
 
 from ._arguments import ActorFile, CapturePath, Json
-from ._output import progress, show
+from ._output import progress, say, show
 
 if TYPE_CHECKING:
     from jaxmocap.character import Character
@@ -38,7 +38,7 @@ def fit_character(
 
     _refuse_unusable(out)
     opened = Capture.open(capture)
-    generic = open_character(opened, actor)
+    generic = open_character(opened, actor, say)
     with progress() as report:
         fit = fit_character(opened, opened.cameras, generic, at or None, progress=report)
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -18,6 +18,7 @@ from ._fit_character import fit_character
 from ._read_motion import read_motion
 from ._refine_cameras import refine_cameras
 from ._register import register
+from ._rig import rig
 from ._segment import segment
 from ._sync import sync
 from ._track import track
@@ -32,6 +33,7 @@ _COMMANDS = {
     "calibrate": calibrate,
     "cameras": cameras,
     "segment": segment,
+    "rig": rig,
     "fit-character": fit_character,
     "register": register,
     "track": track,

@@ -21,23 +21,27 @@ _REACH = 0.07  # metres around a joint whose surface tells where it is
 def bent_landmarks(target: Points, body: Body) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "vertex 3"]]:
     """Joints and landmarks of the body after its surface has been bent to the target, and that surface.
 
-    Displacements are as smooth over the template as the points allow. A joint moves by the mean displacement of the skin
-    around it, so that it stays in the middle of its limb.
+    Displacements are as smooth over the template as the points allow. A joint moves by the mean displacement of the
+    skin around it, so that it stays in the middle of its limb.
     """
     vertices, _ = surface(body)
     faces = np.asarray(template().faces)
     smooth = _laplacian(faces, len(vertices))
+    energy = smooth.T @ smooth
     tree = KDTree(target.keys())
     offset = np.zeros_like(vertices)
     for _ in range(_ROUNDS):
         now = vertices + offset
         normals = vertex_normals(now, faces)
         _, nearest = tree.query(Points(now, normals).keys())
-        goal = target.places[nearest] - vertices
+        there = target.normals[nearest]
         off = target.places[nearest] - now
-        like = np.sum(normals * target.normals[nearest], axis=1)
-        weight = np.where(like > 0.5, 1.0, 0.0) / (1.0 + np.sum(off**2, axis=1) / _CUT**2) ** 2
-        offset = _solve(smooth, weight, target.normals[nearest], goal)
+        across = there * np.sum(there * off, axis=1, keepdims=True)
+        goal = offset + across + _ALONG * (off - across)
+        weight = np.where(np.sum(normals * there, axis=1) > 0.5, 1.0, 0.0)
+        weight /= (1.0 + np.sum(off**2, axis=1) / _CUT**2) ** 2
+        system = sparse.diags(weight + 1e-3) + _STIFFNESS * energy
+        offset = splu(system.tocsc()).solve(weight[:, None] * goal)
     places = landmarks(body)
     moved = {}
     for name, place in places.items():
@@ -46,18 +50,10 @@ def bent_landmarks(target: Points, body: Body) -> tuple[dict[str, np.ndarray], F
     return moved, vertices + offset
 
 
-def _solve(smooth: sparse.csr_matrix, weight: np.ndarray, normal: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """Displacements that meet `goal` across the surface, hardly along it, and are smooth."""
-    size = len(weight)
-    metric = weight[:, None, None] * (normal[:, :, None] * normal[:, None, :] + _ALONG * np.eye(3))
-    blocks = sparse.bsr_matrix((metric, np.arange(size), np.arange(size + 1)), shape=(3 * size, 3 * size))
-    energy = _STIFFNESS * (smooth.T @ smooth)
-    system = blocks + sparse.kron(energy, sparse.eye(3)) + 1e-3 * sparse.eye(3 * size)
-    return splu(system.tocsc()).solve(np.einsum("vij,vj->vi", metric, goal).ravel()).reshape(-1, 3)
-
-
-def _laplacian(faces: np.ndarray, count: int) -> sparse.csr_matrix:
+def _laplacian(faces: np.ndarray, count: int) -> sparse.sparray | sparse.spmatrix:
     """Each vertex less the mean of its neighbours."""
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     links = sparse.coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr()
-    return (sparse.eye(count) - sparse.diags(1.0 / np.maximum(links.sum(axis=1).A1, 1)) @ links).tocsr()
+    return (
+        sparse.eye(count) - sparse.diags(1.0 / np.maximum(np.asarray(links.sum(axis=1)).ravel(), 1)) @ links
+    ).tocsr()

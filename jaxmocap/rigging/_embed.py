@@ -13,11 +13,12 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from jaxmocap.character import BODIES
+from jaxmocap.geometry import vertex_normals
 
 from ._bend_template import bent_landmarks
 from ._fit_template import Fit, Points, fit_template
 from ._orientation import Guess, guesses
-from ._template import Body, probes, surface, template
+from ._template import Body, surface, template
 
 _STARTS = 8
 _COARSE, _FINE = (0.3,) * 4 + (0.15,) * 4, (0.12,) * 3 + (0.08,) * 5 + (0.05,) * 6
@@ -30,11 +31,13 @@ _OFFSETS = {"l_hip": (0.006, 0.0, -0.02), "r_hip": (-0.006, 0.0, -0.02), "neck":
 
 
 class Embedding(NamedTuple):
-    """A person found in a surface. `places` (joints and landmarks) and `laid` (the template's skin, bent to the surface)
-    are in the frame of `fit_from_file` (4, 4), a similarity to about x = left, y up, z forward and the template's height.
+    """A person found in a surface. `places` (joints and landmarks) and `laid` (the template's skin, bent to the
+    surface) are in the frame of `fit_from_file` (4, 4), a similarity to about x = left, y up, z forward and the
+    template's height.
 
-    `distance` is the median distance between body and surface, metres at the template's height; `covered` says of every
-    body which share of its skin lies near the surface; `front_margin` is by how much facing the other way fits worse.
+    `distance` is the median distance from the body's skin to the surface, metres at the template's height; `covered`
+    says of every body which share of its skin lies near the surface; `front_margin` is by how much facing the other way
+    fits worse.
     """
 
     fit_from_file: Float[np.ndarray, "4 4"]
@@ -45,8 +48,8 @@ class Embedding(NamedTuple):
     front_margin: float
 
     def uncovered(self, least: float) -> list[str]:
-        """Bodies of whose skin less than this share lies near the surface, the barest first."""
-        return sorted((body for body, share in self.covered.items() if share < least), key=lambda b: self.covered[b])
+        """Bodies of whose skin less than this share lies near the surface."""
+        return [body for body, share in self.covered.items() if share < least]
 
 
 def embed(
@@ -64,26 +67,27 @@ def embed(
     if not starts:
         return None
 
-    def laid(guess: Guess, start: Body, count: int, scales: tuple[float, ...], likeness: float) -> Fit:
+    def lay(guess: Guess, start: Body, count: int, scales: tuple[float, ...], likeness: float) -> Fit:
         matrix = guess.rest_from_file
         known = {name: matrix[:3, :3] @ place + matrix[:3, 3] for name, place in (pins or {}).items()}
         return fit_template(_seen(points, guess, count), start, scales, likeness, known)
 
-    fits = [laid(guess, guess.start, _SAMPLES[0], _COARSE, _ALIKE) for guess in starts]
+    fits = [lay(guess, guess.start, _SAMPLES[0], _COARSE, _ALIKE) for guess in starts]
     best = min(range(len(fits)), key=lambda number: fits[number].energy)
     guess = starts[best]
-    fit = laid(guess, fits[best].body, _SAMPLES[1], _FINE, _UNLIKE)
+    fit = lay(guess, fits[best].body, _SAMPLES[1], _FINE, _UNLIKE)
     every = _seen(points, guess, len(points.places))
     places, laid = bent_landmarks(every, fit.body)
     for name, offset in _OFFSETS.items():
         places[name] = places[name] + fit.body.root[:3, :3] @ np.array(offset)
     places |= _more_places(places, laid)
+    distance, covered = _apart(fit.body, every)
     return Embedding(
         guess.rest_from_file,
         places,
         laid,
-        fit.distance,
-        _covered(fit, every),
+        distance,
+        covered,
         _front_margin(starts, fits, best),
     )
 
@@ -129,15 +133,19 @@ def _more_places(places: dict[str, np.ndarray], laid: np.ndarray) -> dict[str, n
     return more
 
 
-def _covered(fit: Fit, target: Points) -> dict[str, float]:
-    vertices, _ = surface(fit.body)
-    apart, _ = KDTree(target.places).query(vertices[probes()])
-    owner = np.asarray(template().weights)[probes()].argmax(axis=1)
-    return {name: float(np.mean(apart[owner == number] < _NEAR)) for number, (name, _, _) in enumerate(BODIES)}
+def _apart(body: Body, target: Points) -> tuple[float, dict[str, float]]:
+    """The median distance from the body's skin to the surface, unlike normals counted in, and the share of each part's
+    skin that lies near it."""
+    vertices, _ = surface(body)
+    normals = vertex_normals(vertices, np.asarray(template().faces))
+    apart, _ = KDTree(target.keys()).query(Points(vertices, normals).keys())
+    owner = np.asarray(template().weights).argmax(axis=1)
+    near = {name: float(np.mean(apart[owner == number] < _NEAR)) for number, (name, _, _) in enumerate(BODIES)}
+    return float(np.median(apart)), near
 
 
 def _front_margin(starts: list[Guess], fits: list[Fit], best: int) -> float:
-    """How much larger, relatively, the energy is for the best fit that faces elsewhere; infinite where none was tried."""
+    """By what share the energy is larger for the best fit that faces elsewhere; infinite where none was tried."""
     forward = _rotation(starts[best])[2]
     others = [
         fit.energy for guess, fit in zip(starts, fits, strict=True) if _rotation(guess)[2] @ forward < np.cos(0.8)

@@ -8,18 +8,18 @@ from jaxtyping import Float, Int
 
 def fill_holes(
     vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
-) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"], int, float]:
-    """The mesh with every boundary loop filled by cutting its shortest ears; how many loops, and the widest one's
-    diameter. Neighbouring triangles must agree where outside is."""
+) -> tuple[Int[np.ndarray, "filled 3"], int, float]:
+    """The faces and those that fill every boundary loop, by cutting its shortest ears; how many loops there are, and
+    the widest one's diameter. Neighbouring triangles must agree where outside is."""
     loops = _loops(faces)
     if not loops:
-        return vertices, faces, 0, 0.0
+        return faces, 0, 0.0
     known = {tuple(edge) for edge in np.sort(_edges(faces), axis=1).tolist()}
     added: list[tuple[int, int, int]] = []
     for loop in loops:
         added += _clipped(loop, vertices, known)
     widest = max(float(np.linalg.norm(np.ptp(vertices[loop], axis=0))) for loop in loops)
-    return vertices, np.concatenate([faces, np.array(added, faces.dtype).reshape(-1, 3)]), len(loops), widest
+    return np.concatenate([faces, np.array(added, faces.dtype).reshape(-1, 3)]), len(loops), widest
 
 
 def _edges(faces: np.ndarray) -> np.ndarray:

@@ -10,13 +10,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from scipy.spatial import KDTree
 
 from jaxmocap.character import GIRTHS, LENGTHS
 from jaxmocap.geometry import vertex_normals
 
-from ._template import Body, joint_slopes, moved, probes, surface, template
+from ._template import Body, joint_slopes, moved, probes, squares, surface, template
 
 _NORMALS = 0.08  # metres that a right angle between two normals counts for, in the search of the nearest point
 _ALONG = 0.3  # weight of a point's distance along the surface, beside that across it
@@ -42,11 +42,10 @@ class Points(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A body laid into a surface: `energy` to compare fits of the same surface by, and the median distance, metres."""
+    """A body laid into a surface, and its `energy` to compare fits of the same surface by."""
 
     body: Body
     energy: float
-    distance: float
 
 
 def fit_template(
@@ -59,7 +58,8 @@ def fit_template(
     """Lay the template into a surface of metres in the rest frame's axes, from a start that is roughly right.
 
     One step per entry of `scales`, the distance in metres beyond which a pair of points is left out. `likeness` is the
-    standard deviation of the difference between left and right joint angles, radians. `pins` are joints whose places are known.
+    standard deviation of the difference between left and right joint angles, radians. `pins` are joints whose places
+    are known.
     """
     tree, centre, deviation = KDTree(target.keys()), _numbers(start), _deviations()
     alike = _symmetry() / likeness**2
@@ -72,7 +72,7 @@ def fit_template(
         missed, slopes = _missed(body, pins or {})
         if number == len(scales):
             energy = pairs.energy + 0.5 * float(prior @ prior + numbers @ alike @ numbers + missed @ missed)
-            return Fit(body, energy, pairs.distance)
+            return Fit(body, energy)
         hessian, gradient = pairs.normal_equations(jacobian)
         hessian += np.diag(1.0 / deviation**2 + _DAMPING) + alike + slopes.T @ slopes
         gradient += prior / deviation + alike @ numbers + slopes.T @ missed
@@ -95,9 +95,8 @@ class _Pairs(NamedTuple):
     normal: np.ndarray
     weight: np.ndarray
     energy: float
-    distance: float
 
-    def normal_equations(self, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def normal_equations(self, jacobian: Array) -> tuple[np.ndarray, np.ndarray]:
         """Hessian (58, 58) and gradient of the weighted squares, across and along the surface."""
         metric = self.weight[:, None, None] * (
             self.normal[:, :, None] * self.normal[:, None, :] + _ALONG**2 * np.eye(3)
@@ -106,15 +105,14 @@ class _Pairs(NamedTuple):
         np.add.at(of_probe, self.probe, metric)
         pull = np.zeros((len(jacobian), 3))
         np.add.at(pull, self.probe, np.einsum("nij,nj->ni", metric, self.residual))
-        flat = jacobian.reshape(-1, jacobian.shape[-1])
-        return flat.T @ (of_probe @ jacobian).reshape(flat.shape), flat.T @ pull.ravel()
+        return squares(jacobian, of_probe, pull)
 
 
 def _pairs(vertices: np.ndarray, target: Points, tree: KDTree, scale: float) -> _Pairs:
     normals = vertex_normals(vertices, np.asarray(template().faces))[probes()]
     own = Points(vertices[probes()], normals)
-    _, there = tree.query(own.keys())
-    _, here = KDTree(own.keys()).query(target.keys())
+    there = np.asarray(tree.query(own.keys())[1])
+    here = np.asarray(KDTree(own.keys()).query(target.keys())[1])
     probe = np.concatenate([np.arange(len(own.places)), here])
     goal = np.concatenate([target.places[there], target.places])
     normal = np.concatenate([target.normals[there], normals[here]])
@@ -125,7 +123,7 @@ def _pairs(vertices: np.ndarray, target: Points, tree: KDTree, scale: float) -> 
     size = 0.5 * _POINTS * share / _NOISE**2
     falling = 1.0 / (1.0 + square / scale**2)
     energy = 0.5 * float(np.sum(size * square * falling))  # Geman and McClure
-    return _Pairs(probe, residual, normal, size * falling**2, energy, float(np.median(np.sqrt(square))))
+    return _Pairs(probe, residual, normal, size * falling**2, energy)
 
 
 def _numbers(body: Body) -> np.ndarray:

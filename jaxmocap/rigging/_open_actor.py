@@ -20,8 +20,8 @@ def open_actor(path: str | Path, say: Callable[[str], None] | None = None) -> Ch
     if say is not None:
         report = rigged.report
         say(
-            f"{path} has no skeleton and was rigged: {report['triangles']['after']:,} triangles, {report['height_m']:.2f} m "
-            "tall. `jaxmocap rig` keeps the result, which is faster and can be looked at."
+            f"{path} has no skeleton and was rigged: {report['triangles']['after']:,} triangles, "
+            f"{report['height_m']:.2f} m tall. `jaxmocap rig` keeps the result and draws it."
         )
         for warning in report["warnings"]:
             say(f"{path}: {warning}.")

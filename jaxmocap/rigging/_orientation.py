@@ -31,8 +31,8 @@ def guesses(
 ) -> list[Guess]:
     """Rotations that make a person of a surface (in any units), the likeliest first.
 
-    Tried are the right-handed frames along the surface's principal axes and those along the file's axes; `up` and `front`
-    (unit vectors in the file's axes) leave only those that agree with them within 45 degrees.
+    Tried are the right-handed frames along the surface's principal axes and those along the file's axes; `up` and
+    `front` (unit vectors in the file's axes) leave only those that agree with them within 45 degrees.
     """
     few = Points(points.places[:_SAMPLES], points.normals[:_SAMPLES])
     bodies = [body_at_rest(np.eye(4))._replace(angles=rest_angles_of(arms)) for arms in ARMS]

@@ -29,9 +29,9 @@ class Repair(NamedTuple):
 def repair(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], num_faces: int) -> Repair:
     """Clean a mesh and simplify it to about `num_faces` triangles where it has more.
 
-    In this order: broken triangles go, a huge mesh is snapped to a fine grid, seams are welded, islands that are specks or
-    far away go, third triangles on an edge go, neighbours are made to agree where outside is, holes are closed, and edges
-    are collapsed by quadric error (Garland and Heckbert 1997). Raises `InputError` if too little is left.
+    In this order: broken triangles go, a huge mesh is snapped to a fine grid, seams are welded, islands that are specks
+    or far away go, third triangles on an edge go, neighbours are made to agree where outside is, holes are closed, and
+    edges are collapsed by quadric error (Garland and Heckbert 1997). Raises `InputError` if too little is left.
     """
     done: list[str] = []
     vertices, faces = _finite(vertices, faces, done)
@@ -144,7 +144,7 @@ def _sound(vertices: np.ndarray, faces: np.ndarray, done: list[str]) -> tuple[np
     faces, turned = orient(vertices, faces)
     if turned:
         done.append(f"turned {turned:,} triangles to face outwards")
-    vertices, faces, holes, widest = fill_holes(vertices, faces)
+    faces, holes, widest = fill_holes(vertices, faces)
     if holes:
         across = 100 * widest / max(float(np.ptp(vertices, axis=0).max()), 1e-12)
         done.append(f"closed {holes:,} holes, the widest across {across:.1f} % of the figure's size")

@@ -18,13 +18,13 @@ from ._embed import Embedding, embed
 from ._fit_template import Points
 from ._read_mesh import read_mesh
 from ._repair import Repair, repair
-from ._units import AXES, axis_name, metres_per_unit
+from ._units import ADULT, AXES, axis_name, metres_per_unit
 from ._weights import fewest, skin_weights
 
 _SAMPLES = 4000
 _PRECISE = 8000  # triangles that weights are solved for; finer meshes take theirs from a simplified copy
 _ALL_ELSE = ("spine", "thorax", "l_clavicle", "r_clavicle", "pelvis", "head")
-_FAR, _COVERED = 0.07, 0.5
+_FAR, _COVERED = 0.045, 0.5
 _SURE = 0.05
 _FEWEST, _MOST = 300, 200_000
 
@@ -54,16 +54,16 @@ def rig(
     units: str | None = None,
     up: str | None = None,
     front: str | None = None,
-    joints: Mapping[str, Float[np.ndarray, "3"]] | None = None,
+    joints: Mapping[str, Any] | None = None,
     name: str | None = None,
 ) -> RiggedMesh:
     """Give a skeleton of 39 degrees of freedom and skinning weights to a bare mesh of a person who stands.
 
-    `mesh` is a file (OBJ, PLY, STL, OFF, GLB; a skin in it is not looked at) or its vertices and faces. It is repaired and
-    simplified to about `num_faces` triangles. T-, A- and relaxed poses, any orientation, units and mirrored files will do.
-    Help, where it goes wrong: `height` in metres; `units` (m, cm, mm, in, ft); `up` and `front`, axes of the file such as
-    "z" or "-y"; `joints`, places in the file's units and axes of any of `neck` and, per side, `l_`/`r_` `shoulder elbow
-    wrist hip knee ankle`. Raises `InputError` where no standing person is found.
+    `mesh` is a file (OBJ, PLY, STL, OFF, GLB; a skin in it is not looked at) or its vertices and faces. It is repaired
+    and simplified to about `num_faces` triangles. T-, A- and relaxed poses, any orientation, units and mirrored files
+    will do. Help, where it goes wrong: `height` in metres; `units` (m, cm, mm, in, ft, dm); `up` and `front`, axes of
+    the file such as "z" or "-y"; `joints`, places in the file's units and axes of any of `pelvis`, `neck` and, per
+    side, `l_`/`r_` `shoulder elbow wrist hip knee ankle`. Raises `InputError` where no standing person is found.
     """
     if not _FEWEST <= num_faces <= _MOST:
         raise InputError(f"{num_faces} triangles were asked for; choose {_FEWEST} to {_MOST:,}.")
@@ -85,17 +85,18 @@ def rig(
     skeleton_joints = {joint: placed.places[joint] for joint in (*REQUIRED, *_ALL_ELSE)}
     title = name or (Path(mesh).stem if isinstance(mesh, str | Path) else "rigged mesh")
     character = Character.from_mesh(title, placed.vertices, clean.faces, weights, skeleton_joints)
+    tall = float(np.ptp(placed.vertices[:, 1]))
     report = {
         "triangles": {"before": before, "after": len(clean.faces)},
         "closed": _closed(clean.faces),
         "repairs": clean.done,
         "units": unit,
-        "height_m": round(float(np.ptp(placed.vertices[:, 1])), 4),
+        "height_m": round(tall, 4),
         "up": axis_name(placed.rest_from_file[1, :3]),
         "front": axis_name(placed.rest_from_file[2, :3]),
         "distance_cm": round(100 * found.distance, 2),
         "front_margin": round(found.front_margin, 3) if np.isfinite(found.front_margin) else None,
-        "warnings": _warnings(found, clean, placed.places),
+        "warnings": _warnings(found, clean, tall, sized=bool(height or units)),
     }
     return RiggedMesh(character, placed.rest_from_file, report)
 
@@ -156,26 +157,28 @@ def _weights(vertices: np.ndarray, faces: np.ndarray, places: Mapping[str, np.nd
 
 def _person(found: Embedding | None, label: str) -> Embedding:
     """Refuse what is no standing person."""
-    hint = "a whole person who stands upright with hands and feet free is needed"
+    hint = (
+        "a whole person who stands upright, hands and feet free, is needed: remove a floor and other things from a "
+        "scan, or say with --up and --front which way it stands"
+    )
     if found is None:
-        raise InputError(
-            f"{label} has the proportions of no standing person in any orientation; {hint}, or give --up and --front."
-        )
+        raise InputError(f"{label} has the proportions of no standing person in any orientation; {hint}.")
     if found.distance > _FAR:
         raise InputError(
-            f"{label} does not look like a standing person: the body that fits best is {100 * found.distance:.0f} cm off "
-            f"in the median; {hint}. Remove a floor or other things from a scan."
+            f"{label} does not look like a standing person: the body that fits best is {100 * found.distance:.0f} cm "
+            f"off in the median; {hint}."
         )
-    missing = [
-        body.replace("l_", "left ").replace("r_", "right ").replace("_", " ") for body in found.uncovered(_COVERED)
-    ]
+    sides = {"l": "left", "r": "right"}
+    missing = [" ".join(sides.get(word, word) for word in body.split("_")) for body in found.uncovered(_COVERED)]
     if missing:
-        raise InputError(f"{label} shows no {missing[0]} where a standing person has it; {hint}.")
+        raise InputError(f"{label} shows no {' and no '.join(missing)} where a standing person has it; {hint}.")
     return found
 
 
-def _warnings(found: Embedding, clean: Repair, places: Mapping[str, np.ndarray]) -> list[str]:
+def _warnings(found: Embedding, clean: Repair, tall: float, sized: bool) -> list[str]:
     said = []
+    if not sized and not ADULT[0] <= tall <= ADULT[1]:
+        said.append(f"the person is {tall:.2f} m tall if the file is in metres; give the height if that is wrong")
     if found.front_margin < _SURE:
         said.append("front and back fit nearly equally well; look at the result, and give the front if it is wrong")
     if len(clean.faces) < 2000:
@@ -197,7 +200,7 @@ def _axis(option: str, axis: str | None) -> np.ndarray | None:
     return AXES[axis]
 
 
-def _pins(joints: Mapping[str, np.ndarray] | None) -> dict[str, np.ndarray]:
+def _pins(joints: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
     pins = {}
     for joint, place in (joints or {}).items():
         if joint not in REQUIRED:

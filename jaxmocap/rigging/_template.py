@@ -59,10 +59,20 @@ def moved(body: Body, step: Float[np.ndarray, " parameter"]) -> Body:
     return Body(np.asarray(pose.root, np.float64), np.asarray(pose.angles, np.float64), body.shape + step[dofs:])
 
 
-def surface(body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices of the body (V, 3), and the derivative of the probed ones by a step (P, 3, 58)."""
+def surface(body: Body) -> tuple[Float[np.ndarray, "vertex 3"], Float[Array, "probe 3 parameter"]]:
+    """Vertices of the body, and the derivative of the probed ones by a step."""
     vertices, jacobian = _surface(template(), jnp.asarray(probes()), _arrays(body))
-    return np.asarray(vertices, np.float64), np.asarray(jacobian, np.float64)
+    return np.asarray(vertices, np.float64), jacobian
+
+
+def squares(
+    jacobian: Float[Array, "probe 3 parameter"],
+    metric: Float[np.ndarray, "probe 3 3"],
+    pull: Float[np.ndarray, "probe 3"],
+) -> tuple[Float[np.ndarray, "parameter parameter"], Float[np.ndarray, " parameter"]]:
+    """Hessian and gradient of the squares of displacements in a metric per probe; `pull` is metric times residual."""
+    hessian, gradient = _squares(jacobian, jnp.asarray(metric, jnp.float32), jnp.asarray(pull, jnp.float32))
+    return np.array(hessian, np.float64), np.array(gradient, np.float64)
 
 
 def landmarks(body: Body) -> dict[str, np.ndarray]:
@@ -110,6 +120,13 @@ def _surface(character: Character, probed: Array, body: tuple[Pose, Array]) -> t
 
     jacobian = jax.jacfwd(place)(jnp.zeros(character.skeleton.num_dofs + NUM_SHAPE))
     return skin(scaled(character, shape_of(shape)), pose), jacobian
+
+
+@jax.jit
+def _squares(jacobian: Array, metric: Array, pull: Array) -> tuple[Array, Array]:
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    pushed = jnp.einsum("nij,njp->nip", metric, jacobian, precision="highest").reshape(flat.shape)
+    return jnp.matmul(flat.T, pushed, precision="highest"), flat.T @ pull.ravel()
 
 
 @jax.jit

@@ -8,12 +8,12 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "dm": 0.
 AXES = {
     f"{sign}{'xyz'[axis]}": (-1.0 if sign == "-" else 1.0) * np.eye(3)[axis] for sign in ("", "-") for axis in range(3)
 }
-_ADULT, _ANYBODY = (1.3, 2.2), (0.3, 3.0)
+ADULT, _ANYBODY = (1.3, 2.2), (0.3, 3.0)
 
 
 def metres_per_unit(label: str, tall: float, height: float | None, units: str | None) -> tuple[float, str]:
-    """The scale of a person who is `tall` in the file's units, and its name: from the `height` in metres, from `units`, or
-    from what makes an adult. Raises `InputError` where none of that gives a person."""
+    """The scale of a person who is `tall` in the file's units, and its name: from the `height` in metres, from `units`,
+    or from what makes an adult. Raises `InputError` where none of that gives a person."""
     if height is not None:
         if not _ANYBODY[0] <= height <= _ANYBODY[1]:
             raise InputError(f"height is {height:g} m; {_ANYBODY[0]} to {_ANYBODY[1]} m was expected.")
@@ -30,13 +30,13 @@ def metres_per_unit(label: str, tall: float, height: float | None, units: str | 
             )
         return UNITS[units], units
     for name, factor in UNITS.items():
-        if _ADULT[0] <= factor * tall <= _ADULT[1]:
+        if ADULT[0] <= factor * tall <= ADULT[1]:
             return factor, name
     if _ANYBODY[0] <= tall <= _ANYBODY[1]:
         return 1.0, "m"
     raise InputError(
-        f"{label} is {tall:.4g} units tall, which makes an adult in none of {', '.join(UNITS)}; give the person's height in "
-        "metres (--height) or the units (--units)."
+        f"{label} is {tall:.4g} units tall, an adult in none of {', '.join(UNITS)}; give the height in metres "
+        "(--height) or the units (--units)."
     )
 
 

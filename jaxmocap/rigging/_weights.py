@@ -23,7 +23,7 @@ from ._template import template
 MAX_BONES = 4
 HEAT = 3.0  # c; the published code's 1 in its own matrices
 _LEAST = 0.01  # smaller weights are dropped
-_UNDER = 0.05  # weight from which a body of the template counts as lying under its skin
+_UNDER = 0.3  # weight from which a body of the template counts as lying under its skin
 _TIE = 1.0001
 _PATCH = 3  # points of the template that are asked
 _NAMES = [body for body, _, _ in BODIES]
@@ -102,7 +102,7 @@ def _smoothed(weights: np.ndarray, faces: np.ndarray) -> np.ndarray:
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     ends = np.concatenate([ends, ends[:, ::-1]])
     links = sparse.coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(weights),) * 2).tocsr()
-    return 0.5 * (weights + (links @ weights) / np.maximum(links.sum(axis=1).A1, 1)[:, None])
+    return 0.5 * (weights + (links @ weights) / np.maximum(np.asarray(links.sum(axis=1)).ravel(), 1)[:, None])
 
 
 def _unwrung(weights: np.ndarray, vertices: np.ndarray, places: Mapping[str, np.ndarray]) -> np.ndarray:
