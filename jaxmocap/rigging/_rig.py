@@ -11,14 +11,15 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from jaxmocap._results import InputError
-from jaxmocap.character import REQUIRED, Character, rest_frame
+from jaxmocap.character import REQUIRED, Character
 from jaxmocap.geometry import vertex_normals
 
 from ._embed import Embedding, embed
 from ._fit_template import Points
 from ._read_mesh import read_mesh
 from ._repair import Repair, repair
-from ._units import ADULT, AXES, axis_name, metres_per_unit
+from ._units import ADULT, metres_per_unit
+from ._upright import AXES, axis_name, upright
 from ._weights import fewest, skin_weights
 
 _SAMPLES = 4000
@@ -120,7 +121,7 @@ def _in_rest_frame(clean: Repair, found: Embedding, pins: Mapping[str, np.ndarra
     back = np.linalg.inv(found.fit_from_file)
     to_file = lambda points: points @ back[:3, :3].T + back[:3, 3]  # noqa: E731
     places = {name: to_file(place) for name, place in found.places.items()} | dict(pins)
-    turn = rest_frame(places)
+    turn = upright(places)
     vertices = clean.vertices @ turn.T
     pelvis = turn @ places["pelvis"]
     shift = -np.array([pelvis[0], vertices[:, 1].min(), pelvis[2]])

@@ -1,13 +1,8 @@
-"""Units and axes of files that do not name theirs."""
-
-import numpy as np
+"""Units of files that do not name theirs."""
 
 from jaxmocap._results import InputError
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "dm": 0.1}
-AXES = {
-    f"{sign}{'xyz'[axis]}": (-1.0 if sign == "-" else 1.0) * np.eye(3)[axis] for sign in ("", "-") for axis in range(3)
-}
 ADULT, _ANYBODY = (1.3, 2.2), (0.3, 3.0)
 
 
@@ -38,12 +33,3 @@ def metres_per_unit(label: str, tall: float, height: float | None, units: str | 
         f"{label} is {tall:.4g} units tall, an adult in none of {', '.join(UNITS)}; give the height in metres "
         "(--height) or the units (--units)."
     )
-
-
-def axis_name(direction: np.ndarray) -> str:
-    """ "z" or "-y" for a direction along an axis of the file, else its three numbers."""
-    unit = direction / np.linalg.norm(direction)
-    for name, axis in AXES.items():
-        if unit @ axis > 1 - 1e-6:
-            return name
-    return " ".join(f"{value:.2f}" for value in unit)
