@@ -27,7 +27,7 @@ def bent_landmarks(target: Points, body: Body) -> tuple[dict[str, np.ndarray], F
     vertices, _ = surface(body)
     faces = np.asarray(template().faces)
     smooth = _laplacian(faces, len(vertices))
-    energy = smooth.T @ smooth
+    energy = smooth.transpose() @ smooth
     tree = KDTree(target.keys())
     offset = np.zeros_like(vertices)
     for _ in range(_ROUNDS):
@@ -40,7 +40,7 @@ def bent_landmarks(target: Points, body: Body) -> tuple[dict[str, np.ndarray], F
         goal = offset + across + _ALONG * (off - across)
         weight = np.where(np.sum(normals * there, axis=1) > 0.5, 1.0, 0.0)
         weight /= (1.0 + np.sum(off**2, axis=1) / _CUT**2) ** 2
-        system = sparse.diags(weight + 1e-3) + _STIFFNESS * energy
+        system = sparse.diags_array(weight + 1e-3) + _STIFFNESS * energy
         offset = splu(system.tocsc()).solve(weight[:, None] * goal)
     places = landmarks(body)
     moved = {}
@@ -50,10 +50,9 @@ def bent_landmarks(target: Points, body: Body) -> tuple[dict[str, np.ndarray], F
     return moved, vertices + offset
 
 
-def _laplacian(faces: np.ndarray, count: int) -> sparse.sparray | sparse.spmatrix:
+def _laplacian(faces: np.ndarray, count: int) -> sparse.csr_array:
     """Each vertex less the mean of its neighbours."""
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    links = sparse.coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr()
-    return (
-        sparse.eye(count) - sparse.diags(1.0 / np.maximum(np.asarray(links.sum(axis=1)).ravel(), 1)) @ links
-    ).tocsr()
+    links = sparse.csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    mean = sparse.diags_array(1.0 / np.maximum(np.asarray(links.sum(axis=1)), 1)) @ links
+    return sparse.csr_array(sparse.eye_array(count) - mean)

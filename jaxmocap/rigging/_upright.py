@@ -14,8 +14,8 @@ _TILT = 8.0  # degrees by which bones may miss an axis of the file that they mea
 
 
 def upright(places: Mapping[str, np.ndarray]) -> Float[np.ndarray, "3 3"]:
-    """Rotation from the file's axes to the rest frame's, from joints: up is the axis of the file that is near, if any, and
-    so is left, if up is; a scan may face in any direction, or hang in space."""
+    """Rotation from the file's axes to the rest frame's, from joints: up is the axis of the file that is near, if any,
+    and so is left, if up is; a scan may face in any direction, or hang in space."""
     left, up, _ = rest_frame(dict(places), near=0.0)
     vertical = _snapped(up)
     left = left - (left @ vertical) * vertical
