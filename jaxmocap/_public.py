@@ -14,7 +14,7 @@ from .camera import Cameras as Cameras, read_cameras as read_cameras, write_came
 from .calibration import Calibration as Calibration, adopt_cameras as adopt_cameras
 from ._calibrate import calibrate as calibrate
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
-from .rigging import RiggedMesh as RiggedMesh, open_actor as open_actor, rig as rig
+from .rigging import RiggedMesh as RiggedMesh, body as body, open_actor as open_actor, rig as rig
 from .appearance import Appearance as Appearance
 from .observation import Observations as Observations, fit_capture_appearance as fit_capture_appearance
 from .render import SoftSettings as SoftSettings

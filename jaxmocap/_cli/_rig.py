@@ -59,10 +59,7 @@ def rig(
     from jaxmocap.motion import atomic_path
     from jaxmocap.rigging import rig
 
-    if out.suffix.lower() != ".glb":
-        raise InputError(f"--out is {out}; a character is written as a file that ends in .glb.")
-    if out.exists():
-        raise InputError(f"{out} exists already; choose a new file with --out.")
+    refuse_unusable(out)
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture is {picture}; a file name that ends in .png was expected.")
     rigged = rig(
@@ -87,6 +84,14 @@ def rig(
     for warning in rigged.report["warnings"]:
         say(f"{mesh}: {warning}.")
     return 0
+
+
+def refuse_unusable(out: Path) -> None:
+    """Only a new GLB file is written to."""
+    if out.suffix.lower() != ".glb":
+        raise InputError(f"--out is {out}; a character is written as a file that ends in .glb.")
+    if out.exists():
+        raise InputError(f"{out} exists already; choose a new file with --out.")
 
 
 def _read_joints(path: Path) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import tyro
 from jaxmocap._results import InputError
 from jaxmocap._runtime import prepare
 
+from ._body import body
 from ._calibrate import calibrate
 from ._cameras import cameras
 from ._check import check
@@ -34,6 +35,7 @@ _COMMANDS = {
     "cameras": cameras,
     "segment": segment,
     "rig": rig,
+    "body": body,
     "fit-character": fit_character,
     "register": register,
     "track": track,
