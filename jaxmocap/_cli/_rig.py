@@ -19,7 +19,10 @@ def rig(
     mesh: Annotated[
         Path,
         tyro.conf.Positional,
-        tyro.conf.arg(metavar="MESH", help="A person who stands: OBJ, PLY, STL, OFF or GLB, without a skeleton."),
+        tyro.conf.arg(
+            metavar="MESH",
+            help="A person who stands, OBJ, PLY, STL, OFF or GLB; or a skinned GLB or body model, whose skin is kept.",
+        ),
     ],
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.glb", help="New file for the character.")],
     triangles: Annotated[int, tyro.conf.arg(metavar="N", help="Simplify to about so many triangles.")] = 5000,
@@ -45,6 +48,15 @@ def rig(
             help_behavior_hint="",
         ),
     ] = None,
+    mapping: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.toml",
+            help='Joints of a skinned file that are not recognised: "file joint" = "body" per line, TOML or JSON.',
+            help_behavior_hint="",
+        ),
+    ] = None,
+    anew: Annotated[bool, tyro.conf.arg(help="Do not keep a skin that the file has.", help_behavior_hint="")] = False,
     picture: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -55,7 +67,7 @@ def rig(
     ] = None,
     json: Json = False,
 ) -> int:
-    """Give a bare mesh of a standing person a skeleton and skinning weights, for `--actor` or capture.toml."""
+    """Give a mesh of a standing person a skeleton and skinning weights, for `--actor` or capture.toml."""
     from jaxmocap.motion import atomic_path
     from jaxmocap.rigging import rig
 
@@ -70,6 +82,8 @@ def rig(
         up=up,
         front=front,
         joints=None if joints is None else _read_joints(joints),
+        mapping=mapping,
+        anew=anew,
     )
     out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(out) as temporary:
@@ -109,9 +123,15 @@ def _read_joints(path: Path) -> dict[str, Any]:
 def _table(report: dict[str, Any], out: Path) -> Table:
     table = Table(title=str(out), title_justify="left", show_header=False)
     count = report["triangles"]
-    table.add_row("triangles", f"{count['after']:,} of {count['before']:,}, {'closed' if report['closed'] else 'open'}")
+    kept = report["skin"] == "kept"
+    surface = "" if kept else f", {'closed' if report['closed'] else 'open'}"
+    table.add_row("triangles", f"{count['after']:,} of {count['before']:,}{surface}")
     for number, repair in enumerate(report["repairs"] or ["none needed"]):
         table.add_row("" if number else "repairs", repair)
+    if kept:
+        table.add_row("size", f"{report['height_m']:.2f} m tall")
+        table.add_row("skin", "the file's own is kept")
+        return table
     table.add_row("size", f"{report['height_m']:.2f} m tall, units: {report['units']}")
     table.add_row("axes of the file", f"up {report['up']}, front {report['front']}")
     table.add_row("body against mesh", f"{report['distance_cm']:.1f} cm in the median")

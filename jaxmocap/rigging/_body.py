@@ -18,8 +18,8 @@ def body(
     """A procedural body in an A-pose, about 4,900 triangles, free of any licence: a start for `fit_character`.
 
     It is `height` metres tall whatever its proportions. `lengths` and `girths` are factors by name (`LENGTHS`, `GIRTHS`
-    of `jaxmocap.character`), such as `lengths={"thigh": 1.05}, girths={"torso": 1.2}`. Raises `InputError` for other names
-    and for numbers that make no person.
+    of `jaxmocap.character`), such as `lengths={"thigh": 1.05}, girths={"torso": 1.2}`. Raises `InputError` for other
+    names and for numbers that make no person.
     """
     if not _HEIGHTS[0] <= height <= _HEIGHTS[1]:
         raise InputError(f"height is {height:g} m; {_HEIGHTS[0]} to {_HEIGHTS[1]} m was expected.")

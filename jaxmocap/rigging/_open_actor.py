@@ -3,18 +3,19 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from jaxmocap.character import Character, has_skin
+from jaxmocap.character import Character
 
+from ._keep_skin import brings_skin
 from ._rig import rig
 
 
 def open_actor(path: str | Path, say: Callable[[str], None] | None = None) -> Character:
-    """The character in a skinned glTF file, or a bare mesh rigged on the spot, which `say` is told about.
+    """The character in a skinned glTF file or body model, or a bare mesh rigged on the spot, which `say` is told about.
 
     Raises `InputError` as `Character.load` and `rig` do.
     """
     path = Path(path)
-    if path.suffix.lower() in (".glb", ".gltf", ".vrm") and has_skin(path):
+    if brings_skin(path):
         return Character.load(path)
     rigged = rig(path)
     if say is not None:

@@ -16,6 +16,7 @@ from jaxmocap.geometry import vertex_normals
 
 from ._embed import Embedding, embed
 from ._fit_template import Points
+from ._keep_skin import brings_skin, keep_skin
 from ._read_mesh import read_mesh
 from ._repair import Repair, repair
 from ._units import ADULT, metres_per_unit
@@ -34,17 +35,18 @@ Mesh = tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]
 
 @dataclass(frozen=True)
 class RiggedMesh:
-    """A character made of a bare mesh, and how.
+    """A character made of a mesh, and how.
 
-    `rest_from_file` (4, 4) takes the file's units and axes to the character's metres and rest frame. `report` says what
-    was repaired (`repairs`), in which `units` the file was and how tall the person is (`height_m`), which of the file's
-    axes are `up` and `front`, how far the body laid into the mesh is from it (`distance_cm`), by how much worse it fits
-    when it faces the other way (`front_margin`), and `warnings`.
+    `rest_from_file` (4, 4) takes the file's units and axes to the character's metres and rest frame; it is None where
+    the file brought a skin of its own, which is kept. `report` says whether it did (`skin`), what was repaired
+    (`repairs`), in which `units` the file was and how tall the person is (`height_m`), which of the file's axes are `up`
+    and `front`, how far the body laid into the mesh is from it (`distance_cm`), by what share it fits worse when it faces
+    the other way (`front_margin`), and `warnings`.
     """
 
     character: Character
-    rest_from_file: Float[np.ndarray, "4 4"]
     report: dict[str, Any]
+    rest_from_file: Float[np.ndarray, "4 4"] | None = None
 
 
 def rig(
@@ -56,18 +58,29 @@ def rig(
     up: str | None = None,
     front: str | None = None,
     joints: Mapping[str, Any] | None = None,
+    mapping: str | Path | Mapping[str, str] | None = None,
+    anew: bool = False,
     name: str | None = None,
 ) -> RiggedMesh:
-    """Give a skeleton of 39 degrees of freedom and skinning weights to a bare mesh of a person who stands.
+    """Make a character of 39 degrees of freedom of the mesh of a person who stands.
 
-    `mesh` is a file (OBJ, PLY, STL, OFF, GLB; a skin in it is not looked at) or its vertices and faces. It is repaired
-    and simplified to about `num_faces` triangles. T-, A- and relaxed poses, any orientation, units and mirrored files
-    will do. Help, where it goes wrong: `height` in metres; `units` (m, cm, mm, in, ft, dm); `up` and `front`, axes of
-    the file such as "z" or "-y"; `joints`, places in the file's units and axes of any of `pelvis`, `neck` and, per
-    side, `l_`/`r_` `shoulder elbow wrist hip knee ankle`. Raises `InputError` where no standing person is found.
+    `mesh` is a file (OBJ, PLY, STL, OFF, GLB) or its vertices and faces. It is repaired and simplified to about
+    `num_faces` triangles, and gets joints and skinning weights. T-, A- and relaxed poses, any orientation, units and
+    mirrored files will do. Help, where it goes wrong: `height` in metres; `units` (m, cm, mm, in, ft, dm); `up` and
+    `front`, axes of the file such as "z" or "-y"; `joints`, places in the file's units and axes of any of `pelvis`,
+    `neck` and, per side, `l_`/`r_` `shoulder elbow wrist hip knee ankle`.
+
+    The skin of a skinned glTF file or body model is kept, its joints recognised or named by `mapping` as in
+    `Character.load`, unless `anew`. Raises `InputError` where no standing person is found.
     """
     if not _FEWEST <= num_faces <= _MOST:
         raise InputError(f"{num_faces} triangles were asked for; choose {_FEWEST} to {_MOST:,}.")
+    if isinstance(mesh, str | Path) and not anew and brings_skin(Path(mesh)):
+        if any(option is not None for option in (height, units, up, front, joints)):
+            raise InputError(f"{mesh} has a skin of its own, which is kept; help is for rigging it anew (--anew).")
+        return RiggedMesh(*keep_skin(Path(mesh), num_faces, mapping))
+    if mapping is not None:
+        raise InputError("a mapping names the joints of a skinned file; this mesh has none, or is rigged anew.")
     label = str(mesh) if isinstance(mesh, str | Path) else name or "the mesh"
     wanted_up, wanted_front = (_axis(option, axis) for option, axis in (("up", up), ("front", front)))
     vertices, faces = read_mesh(Path(mesh)) if isinstance(mesh, str | Path) else mesh
@@ -89,6 +102,7 @@ def rig(
     tall = float(np.ptp(placed.vertices[:, 1]))
     report = {
         "triangles": {"before": before, "after": len(clean.faces)},
+        "skin": "made",
         "closed": _closed(clean.faces),
         "repairs": clean.done,
         "units": unit,
@@ -99,7 +113,7 @@ def rig(
         "front_margin": round(found.front_margin, 3) if np.isfinite(found.front_margin) else None,
         "warnings": _warnings(found, clean, tall, sized=bool(height or units)),
     }
-    return RiggedMesh(character, placed.rest_from_file, report)
+    return RiggedMesh(character, report, placed.rest_from_file)
 
 
 class _Placed(NamedTuple):

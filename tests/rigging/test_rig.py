@@ -158,6 +158,19 @@ def test_from_a_file_to_a_character_by_the_command_line(tmp_path, capsys, relaxe
     np.testing.assert_array_equal(np.asarray(open_actor(out).weights), np.asarray(character.weights))
 
 
+def test_a_skin_that_the_file_brings_is_kept_and_simplified(tmp_path, capsys):
+    own = tall_person().save_glb(tmp_path / "skinned.glb")
+    assert run(["rig", str(own), "--out", str(tmp_path / "few.glb"), "--triangles", "2000", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["skin"] == "kept"
+    assert abs(report["triangles"]["after"] - 2000) <= 2
+    few = Character.load(tmp_path / "few.glb")
+    np.testing.assert_allclose(few.skeleton.landmarks, tall_person().skeleton.landmarks, atol=1e-6)
+    assert rig(own).rest_from_file is None
+    with pytest.raises(InputError, match="which is kept"):
+        rig(own, height=1.8)
+
+
 def test_an_actor_without_a_skin_is_rigged_and_said_so(tmp_path, relaxed):
     path, said = tmp_path / "actor.glb", []
     trimesh.Trimesh(*relaxed[:2], process=False).export(path)
