@@ -39,9 +39,9 @@ class RiggedMesh:
 
     `rest_from_file` (4, 4) takes the file's units and axes to the character's metres and rest frame; it is None where
     the file brought a skin of its own, which is kept. `report` says whether it did (`skin`), what was repaired
-    (`repairs`), in which `units` the file was and how tall the person is (`height_m`), which of the file's axes are `up`
-    and `front`, how far the body laid into the mesh is from it (`distance_cm`), by what share it fits worse when it faces
-    the other way (`front_margin`), and `warnings`.
+    (`repairs`), in which `units` the file was and how tall the person is (`height_m`), which of the file's axes are
+    `up` and `front`, how far the body laid into the mesh is from it (`distance_cm`), by what share it fits worse when
+    it faces the other way (`front_margin`), and `warnings`.
     """
 
     character: Character
