@@ -19,6 +19,7 @@ from jaxmocap._run_folder import finished, run_folder
 from jaxmocap.capture import Capture, Detections, content_hash, folder_hash
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion, write_json
+from jaxmocap.rigging import open_actor
 from jaxmocap.track import (
     Checkpoint,
     DetectionPlan,
@@ -39,15 +40,19 @@ Report = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
 
 
-def open_character(capture: Capture, actor: str | Path | None = None) -> Character:
-    """The character in the file `actor`, or else the capture's. Raises `InputError` when there is neither."""
+def open_character(
+    capture: Capture, actor: str | Path | None = None, say: Callable[[str], None] | None = None
+) -> Character:
+    """The character in the file `actor`, or else the capture's; a bare mesh is rigged, and `say` told so. Raises
+    `InputError` when there is neither."""
     if actor is not None:
-        return Character.load(actor)
+        return open_actor(actor, say)
     if capture.actor is None:
         raise InputError(
-            f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF, to capture.toml."
+            f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF or a bare mesh, to "
+            "capture.toml."
         )
-    return Character.load(capture.actor)
+    return open_actor(capture.actor, say)
 
 
 def registration_record(registrations: dict[int, Registration], character: Character, masks: MaskRecord) -> dict:
@@ -115,7 +120,7 @@ def track_capture(
     out = Path(out)
     begin = time.perf_counter()
     capture = Capture.open(path)
-    character = open_character(capture, actor)
+    character = open_character(capture, actor, say)
     overrides = read_pose_file(pose_file) if pose_file is not None else None
     if detections is None and detections_frames is not None:
         raise InputError("frames for detections are given, but no detections; name their folder with --detections.")

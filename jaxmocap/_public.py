@@ -14,6 +14,7 @@ from .camera import Cameras as Cameras, read_cameras as read_cameras, write_came
 from .calibration import Calibration as Calibration, adopt_cameras as adopt_cameras
 from ._calibrate import calibrate as calibrate
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
+from .rigging import RiggedMesh as RiggedMesh, body as body, open_actor as open_actor, rig as rig
 from .appearance import Appearance as Appearance
 from .observation import Observations as Observations, fit_capture_appearance as fit_capture_appearance
 from .render import SoftSettings as SoftSettings
@@ -47,5 +48,10 @@ from .calibration import RefinedCameras as RefinedCameras, refine_cameras as ref
 from .metrics import evaluate as evaluate
 from .exporters import export as export
 from .importers import read_motion as read_motion
-from .viewers import contact_sheet as contact_sheet, draw_overlay as draw_overlay, overlay_videos as overlay_videos
+from .viewers import (
+    contact_sheet as contact_sheet,
+    draw_character as draw_character,
+    draw_overlay as draw_overlay,
+    overlay_videos as overlay_videos,
+)
 from ._pipeline import track_capture as track_capture

@@ -11,10 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from jaxmocap._cli import run
 from jaxmocap._cli._output import progress, show
 from jaxmocap.capture import Capture
+from jaxmocap.character import Character
 from jaxmocap.metrics import silhouette_iou
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_capture, write_capture
@@ -229,6 +231,16 @@ def test_check_of_a_faultless_capture_exits_with_0_and_describes_the_actor(film,
     assert err == ""
     assert {finding["severity"] for finding in findings} <= {"warning", "note"}
     assert any(finding["where"] == "actor" and "triangles" in finding["message"] for finding in findings)
+
+
+def test_check_of_a_capture_with_a_bare_actor_rigs_it_and_says_so(film, capsys):
+    character = Character.load(film / "actor.glb")
+    mesh = trimesh.Trimesh(np.asarray(character.vertices), np.asarray(character.faces), process=False)
+    mesh.export(film / "bare.obj")
+    (film / "capture.toml").write_text((film / "capture.toml").read_text().replace("actor.glb", "bare.obj"))
+    assert run(["check", str(film), "--json"]) == 0
+    said = [finding["message"] for finding in json.loads(capsys.readouterr().out) if finding["where"] == "actor"]
+    assert any("bare.obj has no skeleton and was rigged" in message for message in said)
 
 
 def test_check_lists_every_error_and_exits_with_2(film, capsys):

@@ -16,6 +16,7 @@ ROWS = (
     ("baselines",),
     ("exporters", "importers", "metrics", "viewers"),
     ("track", "calibration"),
+    ("rigging",),
     ("energies", "samplers", "refiners", "motion"),
     ("observation",),
     ("appearance",),
@@ -26,13 +27,14 @@ ROWS = (
     ("_records",),
     ("_types", "_results", "_runtime", "_atomic"),
 )
-RANK = {name: row for row, names in enumerate(ROWS) for name in names} | {"synthetic": 4.5}  # just below `track`
+RANK = {name: row for row, names in enumerate(ROWS) for name in names} | {"synthetic": 6.5}  # just below `rigging`
 HOST_LIBRARIES = {"cv2", "av", "trimesh", "pycolmap", "pygltflib"}
 HOST_PACKAGES = {
     "calibration",
     "capture",
     "camera",
     "character",
+    "rigging",
     "observation",
     "viewers",
     "synthetic",

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 from rich.table import Table
 
-from jaxmocap._results import InputError
-
 from ._arguments import ActorFile, CapturePath, Json
-from ._output import progress, show
+from ._output import progress, say, show
+from ._rig import refuse_unusable
 
 if TYPE_CHECKING:
+    from jaxmocap.capture import Capture
     from jaxmocap.character import Character
     from jaxmocap.track import CharacterFit
 
@@ -31,14 +31,13 @@ def fit_character(
     json: Json = False,
 ) -> int:
     """Fit bone lengths and girths of a generic actor to the person filmed, for use as `--actor` or in capture.toml."""
-    from jaxmocap._pipeline import open_character
     from jaxmocap.capture import Capture
     from jaxmocap.motion import atomic_path
     from jaxmocap.track import fit_character
 
-    _refuse_unusable(out)
+    refuse_unusable(out)
     opened = Capture.open(capture)
-    generic = open_character(opened, actor)
+    generic = _generic(opened, actor)
     with progress() as report:
         fit = fit_character(opened, opened.cameras, generic, at or None, progress=report)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -49,11 +48,14 @@ def fit_character(
     return 0
 
 
-def _refuse_unusable(out: Path) -> None:
-    if out.suffix.lower() != ".glb":
-        raise InputError(f"--out is {out}; a fitted character is written as a file that ends in .glb.")
-    if out.exists():
-        raise InputError(f"{out} exists already; choose a new file with --out.")
+def _generic(capture: "Capture", actor: Path | None) -> "Character":
+    from jaxmocap._pipeline import open_character
+    from jaxmocap.rigging import body
+
+    if actor is None and capture.actor is None:
+        say(f"capture '{capture.name}' names no actor: the built-in body is made to measure.")
+        return body()
+    return open_character(capture, actor, say)
 
 
 def fit_record(fit: "CharacterFit", generic: "Character") -> dict[str, Any]:

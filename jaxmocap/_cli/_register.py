@@ -39,7 +39,7 @@ def register(
 
     refuse_if_taken(out)
     opened = Capture.open(capture)
-    character, cameras = open_character(opened, actor), opened.cameras
+    character, cameras = open_character(opened, actor, say), opened.cameras
     overrides = None if pose is None else read_pose_file(pose)
     opened, _ = with_selected_frames(opened, overrides, say)
     selected = opened.selected_frames or (0,)

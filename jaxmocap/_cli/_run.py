@@ -9,6 +9,7 @@ import tyro
 from jaxmocap._results import InputError
 from jaxmocap._runtime import prepare
 
+from ._body import body
 from ._calibrate import calibrate
 from ._cameras import cameras
 from ._check import check
@@ -19,6 +20,7 @@ from ._fit_character import fit_character
 from ._read_motion import read_motion
 from ._refine_cameras import refine_cameras
 from ._register import register
+from ._rig import rig
 from ._segment import segment
 from ._sync import sync
 from ._track import track
@@ -35,6 +37,8 @@ _COMMANDS = {
     "calibrate": calibrate,
     "cameras": cameras,
     "segment": segment,
+    "rig": rig,
+    "body": body,
     "fit-character": fit_character,
     "register": register,
     "track": track,

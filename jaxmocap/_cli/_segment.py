@@ -35,7 +35,7 @@ def segment(
 
     refuse_if_taken(out)
     opened = Capture.open(capture)
-    character = open_character(opened)
+    character = open_character(opened, say=say)
     overrides = None if pose is None else read_pose_file(pose)
     opened, _ = with_selected_frames(opened, overrides, say)
     with atomic_folder(out) as folder, progress() as report:

@@ -4,7 +4,8 @@ import numpy as np
 
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture, Undistortion
-from jaxmocap.character import Character, bone_lengths
+from jaxmocap.character import bone_lengths
+from jaxmocap.rigging import open_actor
 
 from ._record import Solved
 from ._subject import FEWEST_BONES, PARTS_OF_HEIGHT, Scale, SubjectView, confident, fit_scale
@@ -18,7 +19,7 @@ def known_bone_lengths(capture: Capture, height: float | None) -> tuple[dict[str
         if height is None:
             return {}, "nothing"
         return {name: part * height for name, part in PARTS_OF_HEIGHT.items()}, "height"
-    character = Character.load(capture.actor)
+    character = open_actor(capture.actor)
     vertical = np.asarray(character.vertices[:, 1])
     stretch = 1.0 if height is None else height / float(np.ptp(vertical))
     lengths = {name: stretch * float(length) for name, length in bone_lengths(character.skeleton).items()}

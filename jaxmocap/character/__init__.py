@@ -17,7 +17,7 @@ from ._build import angles_at_rest as angles_at_rest, build_skeleton as build_sk
 from ._character import Character as Character
 from ._dof_table import BODIES as BODIES
 from ._glb_buffer import GlbBuffer as GlbBuffer, glb_bytes as glb_bytes
-from ._gltf import Document as Document
+from ._gltf import Document as Document, has_skin as has_skin
 from ._jacobian import points_and_jacobian as points_and_jacobian, taylor_skin as taylor_skin
 from ._kinematics import (
     blend as blend,
@@ -26,6 +26,7 @@ from ._kinematics import (
     skin as skin,
 )
 from ._nodes import local_matrix as local_matrix, parents_first as parents_first, parents_of as parents_of
+from ._place_missing import REQUIRED as REQUIRED
 from ._pose import (
     Pose as Pose,
     clamp as clamp,
@@ -38,6 +39,7 @@ from ._pose import (
     retract_root_twist as retract_root_twist,
 )
 from ._read_skin import RawSkin as RawSkin
+from ._rest_frame import rest_frame as rest_frame
 from ._rig import Rig as Rig, read_rig as read_rig, rig_of as rig_of
 from ._simplify import simplify as simplify
 from ._skeleton import Skeleton as Skeleton

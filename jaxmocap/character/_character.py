@@ -24,12 +24,13 @@ class Character(eqx.Module):
     def load(
         cls, path: str | Path, mapping: str | Path | Mapping[str, str] | None = None, arm: Arm = "cmu7"
     ) -> "Character":
-        """Read a skinned glTF or GLB file of a person.
+        """Read a skinned glTF or GLB file of a person, or an SMPL, SMPL-H or SMPL-X model that you have, as .npz.
 
         The file's joints are recognised by name (Mixamo, VRM, Rocketbox, MakeHuman, Unreal, SMPL and similar) and,
         where names fail, by place; `mapping` (file joint name -> one of our body names; a JSON or TOML file or a dict)
-        overrides both. Any rest pose, orientation and joint count will do. The result is in metres in the rest frame
-        x = subject's left, y up, z forward. Raises `InputError` for anything that makes the file unusable.
+        overrides both. Any rest pose, orientation and joint count will do; of a body model the mean shape is taken, or
+        that of `betas` in the file. The result is in metres in the rest frame x = subject's left, y up, z forward.
+        Raises `InputError` for anything that makes the file unusable.
         """
         from ._load import load_character
 

@@ -141,3 +141,11 @@ class Document:
         if not target.is_file():
             self.fail(f"refers to the buffer {uri}, which is not there; put it beside the file, or export a .glb")
         return target.read_bytes()
+
+
+def has_skin(path: Path) -> bool:
+    """Whether a glTF file binds a mesh to joints; true also for what cannot be read, which loading will complain of."""
+    try:
+        return bool(Document(path).content.get("skins"))
+    except InputError:
+        return path.is_file()

@@ -1,4 +1,4 @@
-"""`Character.load`: from a skinned glTF file to the rest frame, our 18 bodies and the skeleton."""
+"""`Character.load`: from a skinned glTF file or a body model to the rest frame, our 18 bodies and the skeleton."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,11 +9,12 @@ import numpy as np
 
 from jaxmocap._results import InputError
 
+from ._body_model import BodyModel
 from ._build import build_skeleton
 from ._clean_mesh import clean_mesh
 from ._dof_table import BODIES, Arm
 from ._gltf import Document
-from ._map_joints import map_joints
+from ._map_joints import Source, map_joints
 from ._mesh_landmarks import mesh_landmarks
 from ._read_skin import RawSkin, read_skin
 from ._rest_frame import rest_frame
@@ -29,8 +30,13 @@ def load_character(
     kind: "type[Character]", path: Path, mapping: str | Path | Mapping[str, str] | None, arm: Arm
 ) -> "Character":
     """See `Character.load`."""
-    document = Document(path)
-    raw = _read(document)
+    document: Document | BodyModel
+    if path.suffix.lower() == ".npz":
+        document = BodyModel(path)
+        raw = document.raw
+    else:
+        document = Document(path)
+        raw = _read(document)
     _check_numbers(document, raw.vertices, raw.weights, raw.faces)
     mapped = map_joints(document, raw, mapping)
     turn = rest_frame(mapped.places)
@@ -78,7 +84,7 @@ def _read(document: Document) -> RawSkin:
         document.fail(f"is not well-formed glTF ({type(error).__name__}: {error}); export it again")
 
 
-def _check_numbers(document: Document, vertices: np.ndarray, weights: np.ndarray, faces: np.ndarray) -> None:
+def _check_numbers(document: Source, vertices: np.ndarray, weights: np.ndarray, faces: np.ndarray) -> None:
     for name, values in (("vertex positions", vertices), ("skinning weights", weights)):
         bad = np.flatnonzero(~np.all(np.isfinite(values), axis=1))
         if len(bad):
@@ -91,7 +97,7 @@ def _check_numbers(document: Document, vertices: np.ndarray, weights: np.ndarray
         document.fail(f"has {len(loose)} vertices without skinning weights (first is {loose[0]}); weight-paint them")
 
 
-def _check_height(document: Document, height: float) -> None:
+def _check_height(document: Source, height: float) -> None:
     low, high = _HEIGHTS
     if low <= height <= high:
         return
@@ -101,7 +107,7 @@ def _check_height(document: Document, height: float) -> None:
 
 
 def _check_facing(
-    document: Document, vertices: np.ndarray, body_weights: np.ndarray, places: Mapping[str, np.ndarray]
+    document: Source, vertices: np.ndarray, body_weights: np.ndarray, places: Mapping[str, np.ndarray]
 ) -> None:
     """Left and right named the wrong way round make the feet point backwards."""
     reach = []

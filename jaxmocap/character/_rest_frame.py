@@ -4,11 +4,10 @@ import itertools
 
 import numpy as np
 
-_SNAP = np.cos(np.radians(20.0))
 
-
-def rest_frame(places: dict[str, np.ndarray]) -> np.ndarray:
-    """Rotation (3, 3), rest frame from file frame, from joint positions; an exact quarter turn where one is near.
+def rest_frame(places: dict[str, np.ndarray], near: float = 20.0) -> np.ndarray:
+    """Rotation (3, 3), rest frame from file frame, from joint positions; an exact quarter turn where one is within
+    `near` degrees.
 
     Up is from the ankles to the neck, left from the right hip and shoulder to the left ones.
     """
@@ -18,7 +17,7 @@ def rest_frame(places: dict[str, np.ndarray]) -> np.ndarray:
     left = _unit(left - (left @ up) * up)
     estimate = np.stack([left, up, np.cross(left, up)])
     for turn in _quarter_turns():
-        if np.all(np.sum(turn * estimate, axis=1) > _SNAP):
+        if np.all(np.sum(turn * estimate, axis=1) > np.cos(np.radians(near))):
             return turn
     return estimate
 

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from jaxmocap.geometry import vertex_normals
+
 from ._clothes import Outfit
 from ._raster import visible_fragments
 from ._scene import AMBIENT, DIRECT, SUN, GroundShadow, Scene, render_scene
@@ -72,18 +74,6 @@ def develop(
     grain = rng.standard_normal(values.shape, dtype=np.float32)
     values = values + np.float32(noise) * grain * (np.float32(1.4) - values)
     return np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
-
-
-def vertex_normals(
-    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
-) -> Float[np.ndarray, "vertex 3"]:
-    """Outward unit normals, area-weighted means over the faces around each vertex."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    across = np.cross(b - a, c - a)
-    index = faces.reshape(-1)
-    sums = [np.bincount(index, np.repeat(across[:, i], 3), len(vertices)) for i in range(3)]
-    normals = np.stack(sums, axis=1)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
 
 def illumination(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point"]:

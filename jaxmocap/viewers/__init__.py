@@ -1,5 +1,6 @@
 """Viewers: the tracked body over the images, as pictures, sheets and videos."""
 
+from ._character_picture import draw_character as draw_character
 from ._faces import paint_face_ids as paint_face_ids
 from ._mask_picture import draw_mask as draw_mask
 from ._overlay import OverlayStyle as OverlayStyle, contact_sheet as contact_sheet, draw_overlay as draw_overlay

@@ -1,0 +1,140 @@
+"""`jaxmocap rig`: a bare mesh becomes a character that tracks."""
+
+import json as json_module
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from rich.table import Table
+
+from jaxmocap._results import InputError
+
+from ._arguments import Json
+from ._output import say, show
+
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+
+def rig(
+    mesh: Annotated[
+        Path,
+        tyro.conf.Positional,
+        tyro.conf.arg(
+            metavar="MESH",
+            help="A person who stands, OBJ, PLY, STL, OFF or GLB; or a skinned GLB or body model, whose skin is kept.",
+        ),
+    ],
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE.glb", help="New file for the character.")],
+    triangles: Annotated[int, tyro.conf.arg(metavar="N", help="Simplify to about so many triangles.")] = 5000,
+    height: Annotated[
+        float | None,
+        tyro.conf.arg(metavar="METRES", help="How tall the person is.", help_behavior_hint="(default: from the units)"),
+    ] = None,
+    units: Annotated[
+        Literal["m", "cm", "mm", "in", "ft", "dm"] | None,
+        tyro.conf.arg(help="The file's units.", help_behavior_hint="(default: those that make an adult)"),
+    ] = None,
+    up: Annotated[
+        Axis | None, tyro.conf.arg(help="The file's axis that points up.", help_behavior_hint="(default: found)")
+    ] = None,
+    front: Annotated[
+        Axis | None, tyro.conf.arg(help="The file's axis that the person faces.", help_behavior_hint="(default: found)")
+    ] = None,
+    joints: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.json",
+            help='Joints whose places are known, in the file\'s units and axes: {"l_elbow": [0.35, 1.2, 0.02]}.',
+            help_behavior_hint="",
+        ),
+    ] = None,
+    mapping: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.toml",
+            help='Joints of a skinned file that are not recognised: "file joint" = "body" per line, TOML or JSON.',
+            help_behavior_hint="",
+        ),
+    ] = None,
+    anew: Annotated[bool, tyro.conf.arg(help="Do not keep a skin that the file has.", help_behavior_hint="")] = False,
+    picture: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.png",
+            help="Draw the character with its joints, and bent at elbows, shoulders, knees and hips.",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    json: Json = False,
+) -> int:
+    """Give a mesh of a standing person a skeleton and skinning weights, for `--actor` or capture.toml."""
+    from jaxmocap.motion import atomic_path
+    from jaxmocap.rigging import rig
+
+    refuse_unusable(out)
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InputError(f"--picture is {picture}; a file name that ends in .png was expected.")
+    rigged = rig(
+        mesh,
+        num_faces=triangles,
+        height=height,
+        units=units,
+        up=up,
+        front=front,
+        joints=None if joints is None else _read_joints(joints),
+        mapping=mapping,
+        anew=anew,
+    )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(out) as temporary:
+        rigged.character.save_glb(temporary)
+    if picture is not None:
+        from jaxmocap.viewers import draw_character
+
+        from ._pictures import write_png
+
+        write_png(picture, draw_character(rigged.character))
+    show({"out": out, **rigged.report}, lambda: _table(rigged.report, out), json_wanted=json)
+    for warning in rigged.report["warnings"]:
+        say(f"{mesh}: {warning}.")
+    return 0
+
+
+def refuse_unusable(out: Path) -> None:
+    """Only a new GLB file is written to."""
+    if out.suffix.lower() != ".glb":
+        raise InputError(f"--out is {out}; a character is written as a file that ends in .glb.")
+    if out.exists():
+        raise InputError(f"{out} exists already; choose a new file with --out.")
+
+
+def _read_joints(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise InputError(f"{path} does not exist; a JSON file of joints and their places was expected.")
+    try:
+        content = json_module.loads(path.read_text(encoding="utf-8", errors="replace"))
+    except ValueError as error:
+        raise InputError(f"{path} is not readable as JSON: {error}.") from None
+    if not isinstance(content, dict):
+        raise InputError(f'{path} must be one table of joint = place, such as {{"l_elbow": [0.35, 1.2, 0.02]}}.')
+    return content
+
+
+def _table(report: dict[str, Any], out: Path) -> Table:
+    table = Table(title=str(out), title_justify="left", show_header=False)
+    count = report["triangles"]
+    kept = report["skin"] == "kept"
+    surface = "" if kept else f", {'closed' if report['closed'] else 'open'}"
+    table.add_row("triangles", f"{count['after']:,} of {count['before']:,}{surface}")
+    for number, repair in enumerate(report["repairs"] or ["none needed"]):
+        table.add_row("" if number else "repairs", repair)
+    if kept:
+        table.add_row("size", f"{report['height_m']:.2f} m tall")
+        table.add_row("skin", "the file's own is kept")
+        return table
+    table.add_row("size", f"{report['height_m']:.2f} m tall, units: {report['units']}")
+    table.add_row("axes of the file", f"up {report['up']}, front {report['front']}")
+    table.add_row("body against mesh", f"{report['distance_cm']:.1f} cm in the median")
+    if report["front_margin"] is not None:
+        table.add_row("front", f"the other way round fits {100 * report['front_margin']:.0f} % worse")
+    return table

@@ -1,0 +1,5 @@
+"""Bare meshes become characters: repair, skeleton embedding and skinning weights (Sec. 3.1)."""
+
+from ._body import body as body
+from ._open_actor import open_actor as open_actor
+from ._rig import RiggedMesh as RiggedMesh, rig as rig

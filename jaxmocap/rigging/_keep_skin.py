@@ -1,0 +1,32 @@
+"""Files that bring a skin of their own: joints are recognised and weights kept."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmocap.character import Character, has_skin, simplify
+
+
+def brings_skin(path: Path) -> bool:
+    """Whether a file is a body model, or a glTF file whose mesh is bound to joints."""
+    suffix = path.suffix.lower()
+    return suffix == ".npz" or (suffix in (".glb", ".gltf", ".vrm") and has_skin(path))
+
+
+def keep_skin(
+    path: Path, num_faces: int, mapping: str | Path | Mapping[str, str] | None
+) -> tuple[Character, dict[str, Any]]:
+    """The character in the file with at most about `num_faces` triangles, and the report on it."""
+    loaded = Character.load(path, mapping)
+    character, _ = simplify(loaded, num_faces)
+    before, after = len(loaded.faces), len(character.faces)
+    report = {
+        "triangles": {"before": before, "after": after},
+        "skin": "kept",
+        "repairs": [f"simplified {before:,} triangles to {after:,}"] if after < before else [],
+        "height_m": round(float(np.ptp(np.asarray(character.vertices)[:, 1])), 4),
+        "warnings": [],
+    }
+    return character, report

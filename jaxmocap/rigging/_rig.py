@@ -1,0 +1,229 @@
+"""`rig`: from a bare mesh of a standing person to a character that tracks (Sec. 3.1; Baran and Popovic 2007)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from jaxmocap._results import InputError
+from jaxmocap.character import REQUIRED, Character
+from jaxmocap.geometry import vertex_normals
+
+from ._embed import Embedding, embed
+from ._fit_template import Points
+from ._keep_skin import brings_skin, keep_skin
+from ._read_mesh import read_mesh
+from ._repair import Repair, repair
+from ._units import ADULT, metres_per_unit
+from ._upright import AXES, axis_name, upright
+from ._weights import fewest, skin_weights
+
+_SAMPLES = 4000
+_PRECISE = 8000  # triangles that weights are solved for; finer meshes take theirs from a simplified copy
+_ALL_ELSE = ("spine", "thorax", "l_clavicle", "r_clavicle", "pelvis", "head")
+_FAR, _COVERED = 0.045, 0.5
+_SURE = 0.05
+_FEWEST, _MOST = 300, 200_000
+
+Mesh = tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]
+
+
+@dataclass(frozen=True)
+class RiggedMesh:
+    """A character made of a mesh, and how.
+
+    `rest_from_file` (4, 4) takes the file's units and axes to the character's metres and rest frame; it is None where
+    the file brought a skin of its own, which is kept. `report` says whether it did (`skin`), what was repaired
+    (`repairs`), in which `units` the file was and how tall the person is (`height_m`), which of the file's axes are
+    `up` and `front`, how far the body laid into the mesh is from it (`distance_cm`), by what share it fits worse when
+    it faces the other way (`front_margin`), and `warnings`.
+    """
+
+    character: Character
+    report: dict[str, Any]
+    rest_from_file: Float[np.ndarray, "4 4"] | None = None
+
+
+def rig(
+    mesh: str | Path | Mesh,
+    *,
+    num_faces: int = 5000,
+    height: float | None = None,
+    units: str | None = None,
+    up: str | None = None,
+    front: str | None = None,
+    joints: Mapping[str, Any] | None = None,
+    mapping: str | Path | Mapping[str, str] | None = None,
+    anew: bool = False,
+    name: str | None = None,
+) -> RiggedMesh:
+    """Make a character of 39 degrees of freedom of the mesh of a person who stands.
+
+    `mesh` is a file (OBJ, PLY, STL, OFF, GLB) or its vertices and faces. It is repaired and simplified to about
+    `num_faces` triangles, and gets joints and skinning weights. T-, A- and relaxed poses, any orientation, units and
+    mirrored files will do. Help, where it goes wrong: `height` in metres; `units` (m, cm, mm, in, ft, dm); `up` and
+    `front`, axes of the file such as "z" or "-y"; `joints`, places in the file's units and axes of any of `pelvis`,
+    `neck` and, per side, `l_`/`r_` `shoulder elbow wrist hip knee ankle`.
+
+    The skin of a skinned glTF file or body model is kept, its joints recognised or named by `mapping` as in
+    `Character.load`, unless `anew`. Raises `InputError` where no standing person is found.
+    """
+    if not _FEWEST <= num_faces <= _MOST:
+        raise InputError(f"{num_faces} triangles were asked for; choose {_FEWEST} to {_MOST:,}.")
+    if isinstance(mesh, str | Path) and not anew and brings_skin(Path(mesh)):
+        if any(option is not None for option in (height, units, up, front, joints)):
+            raise InputError(f"{mesh} has a skin of its own, which is kept; help is for rigging it anew (--anew).")
+        return RiggedMesh(*keep_skin(Path(mesh), num_faces, mapping))
+    if mapping is not None:
+        raise InputError("a mapping names the joints of a skinned file; this mesh has none, or is rigged anew.")
+    label = str(mesh) if isinstance(mesh, str | Path) else name or "the mesh"
+    wanted_up, wanted_front = (_axis(option, axis) for option, axis in (("up", up), ("front", front)))
+    vertices, faces = read_mesh(Path(mesh)) if isinstance(mesh, str | Path) else mesh
+    before = len(faces)
+    try:
+        clean = repair(vertices, faces, num_faces)
+    except InputError as error:
+        raise InputError(f"{label}: {error}") from None
+    pins = _pins(joints)
+    found = embed(_samples(clean), wanted_up, wanted_front, pins)
+    found = _person(found, label)
+    turned = _in_rest_frame(clean, found, pins)
+    metre, unit = metres_per_unit(label, float(np.ptp(turned.vertices[:, 1])), height, units)
+    placed = turned.scaled(metre)
+    weights = _weights(placed.vertices, clean.faces, placed.places, placed.laid)
+    skeleton_joints = {joint: placed.places[joint] for joint in (*REQUIRED, *_ALL_ELSE)}
+    title = name or (Path(mesh).stem if isinstance(mesh, str | Path) else "rigged mesh")
+    character = Character.from_mesh(title, placed.vertices, clean.faces, weights, skeleton_joints)
+    tall = float(np.ptp(placed.vertices[:, 1]))
+    report = {
+        "triangles": {"before": before, "after": len(clean.faces)},
+        "skin": "made",
+        "closed": _closed(clean.faces),
+        "repairs": clean.done,
+        "units": unit,
+        "height_m": round(tall, 4),
+        "up": axis_name(placed.rest_from_file[1, :3]),
+        "front": axis_name(placed.rest_from_file[2, :3]),
+        "distance_cm": round(100 * found.distance, 2),
+        "front_margin": round(found.front_margin, 3) if np.isfinite(found.front_margin) else None,
+        "warnings": _warnings(found, clean, tall, sized=bool(height or units)),
+    }
+    return RiggedMesh(character, report, placed.rest_from_file)
+
+
+class _Placed(NamedTuple):
+    """Everything in one frame: the mesh, the joints, the template's skin, and how one gets there from the file."""
+
+    vertices: np.ndarray
+    places: dict[str, np.ndarray]
+    laid: np.ndarray
+    rest_from_file: np.ndarray
+
+    def scaled(self, factor: float) -> "_Placed":
+        matrix = np.diag([factor, factor, factor, 1.0]) @ self.rest_from_file
+        places = {name: factor * place for name, place in self.places.items()}
+        return _Placed(factor * self.vertices, places, factor * self.laid, matrix)
+
+
+def _in_rest_frame(clean: Repair, found: Embedding, pins: Mapping[str, np.ndarray]) -> _Placed:
+    """Turned upright, the soles at height 0 and the pelvis above the origin; still in the file's units."""
+    back = np.linalg.inv(found.fit_from_file)
+    to_file = lambda points: points @ back[:3, :3].T + back[:3, 3]  # noqa: E731
+    places = {name: to_file(place) for name, place in found.places.items()} | dict(pins)
+    turn = upright(places)
+    vertices = clean.vertices @ turn.T
+    pelvis = turn @ places["pelvis"]
+    shift = -np.array([pelvis[0], vertices[:, 1].min(), pelvis[2]])
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn, shift
+    moved = {name: turn @ place + shift for name, place in places.items()}
+    return _Placed(vertices + shift, moved, to_file(found.laid) @ turn.T + shift, matrix)
+
+
+def _samples(clean: Repair) -> Points:
+    """Points spread evenly over the surface, in random order but always the same."""
+    mesh = trimesh.Trimesh(clean.vertices, clean.faces, process=False)
+    places, face = trimesh.sample.sample_surface(mesh, _SAMPLES, seed=0)[:2]
+    corners = clean.vertices[clean.faces[face]]
+    share = trimesh.triangles.points_to_barycentric(corners, places)
+    normals = np.einsum("nc,nci->ni", share, vertex_normals(clean.vertices, clean.faces)[clean.faces[face]])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    order = np.random.default_rng(0).permutation(len(places))
+    return Points(np.asarray(places, np.float64)[order], normals[order])
+
+
+def _weights(vertices: np.ndarray, faces: np.ndarray, places: Mapping[str, np.ndarray], laid: np.ndarray) -> np.ndarray:
+    if len(faces) <= _PRECISE:
+        return skin_weights(vertices, faces, places, laid)
+    mesh = trimesh.Trimesh(vertices, faces, process=False).simplify_quadric_decimation(face_count=_PRECISE)
+    few, their_faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    weights = skin_weights(few, their_faces, places, laid)
+    near = Points(few, vertex_normals(few, their_faces))
+    distance, index = KDTree(near.keys()).query(Points(vertices, vertex_normals(vertices, faces)).keys(), k=3)
+    share = 1.0 / np.maximum(distance, 1e-6)
+    blended = np.einsum("vk,vkb->vb", share / share.sum(axis=1, keepdims=True), weights[index])
+    return fewest(blended)
+
+
+def _person(found: Embedding | None, label: str) -> Embedding:
+    """Refuse what is no standing person."""
+    hint = (
+        "a whole person who stands upright, hands and feet free, is needed: remove a floor and other things from a "
+        "scan, or say with --up and --front which way it stands"
+    )
+    if found is None:
+        raise InputError(f"{label} has the proportions of no standing person in any orientation; {hint}.")
+    if found.distance > _FAR:
+        raise InputError(
+            f"{label} does not look like a standing person: the body that fits best is {100 * found.distance:.0f} cm "
+            f"off in the median; {hint}."
+        )
+    sides = {"l": "left", "r": "right"}
+    missing = [" ".join(sides.get(word, word) for word in body.split("_")) for body in found.uncovered(_COVERED)]
+    if missing:
+        raise InputError(f"{label} shows no {' and no '.join(missing)} where a standing person has it; {hint}.")
+    return found
+
+
+def _warnings(found: Embedding, clean: Repair, tall: float, sized: bool) -> list[str]:
+    said = []
+    if not sized and not ADULT[0] <= tall <= ADULT[1]:
+        said.append(f"the person is {tall:.2f} m tall if the file is in metres; give the height if that is wrong")
+    if found.front_margin < _SURE:
+        said.append("front and back fit nearly equally well; look at the result, and give the front if it is wrong")
+    if len(clean.faces) < 2000:
+        said.append(f"the mesh has {len(clean.faces):,} triangles; about 5,000 track better")
+    return said
+
+
+def _closed(faces: np.ndarray) -> bool:
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    return bool(np.all(count % 2 == 0))
+
+
+def _axis(option: str, axis: str | None) -> np.ndarray | None:
+    if axis is None:
+        return None
+    if axis not in AXES:
+        raise InputError(f"{option} is {axis!r}; one of the file's axes was expected: {', '.join(AXES)}.")
+    return AXES[axis]
+
+
+def _pins(joints: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
+    pins = {}
+    for joint, place in (joints or {}).items():
+        if joint not in REQUIRED:
+            raise InputError(f"{joint!r} is no joint that can be given; use any of {', '.join(REQUIRED)}.")
+        try:
+            pins[joint] = np.asarray(place, np.float64).reshape(3)
+        except (TypeError, ValueError):
+            raise InputError(f"joint {joint} is at {place!r}; three numbers were expected.") from None
+        if not np.all(np.isfinite(pins[joint])):
+            raise InputError(f"joint {joint} is at {place!r}; three finite numbers were expected.")
+    return pins

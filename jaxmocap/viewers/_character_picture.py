@@ -1,0 +1,72 @@
+"""A character to look at before tracking: its joints, and its skin bent at every large joint."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import UInt8
+
+from jaxmocap.character import Character, Pose, angles_at_rest, landmark_positions, skin
+
+from ._overlay import OverlayStyle, contact_sheet, draw_overlay
+
+_POSES: tuple[tuple[str, dict[str, float], float], ...] = (  # degrees from the neutral body, and seen from where
+    ("front", {}, 0.0),
+    ("left", {}, 90.0),
+    ("elbows", {"shoulder_flex": 0, "shoulder_abd": 0, "shoulder_axial": 0, "elbow_flex": 120}, 20.0),
+    ("arms up", {"shoulder_flex": 0, "shoulder_abd": 70, "elbow_flex": 10, "clav_elev": 20}, 0.0),
+    ("arms forward", {"shoulder_flex": 90, "shoulder_abd": -80, "elbow_flex": 10}, 60.0),
+    ("forearms turned", {"shoulder_flex": 0, "shoulder_abd": -30, "elbow_flex": 10, "forearm_pron": 75}, 20.0),
+    ("knees", {"hip_flex": 80, "knee_flex": 110}, 60.0),
+    ("hips", {"hip_abd": 40, "hip_int": 20, "lumbar_flex": 30, "thorax_flex": 20}, 40.0),
+)
+_SIZE, _COLUMNS = (300, 400), 4
+_DISTANCE = 20.0  # metres; so far that lines stay parallel
+_PAPER = 30
+
+
+def draw_character(character: Character) -> UInt8[np.ndarray, "height width 3"]:
+    """Two views at rest with the joints drawn in, and six bent poses; an RGB picture."""
+    return contact_sheet([_view(character, *entry) for entry in _POSES], _COLUMNS)
+
+
+def _view(character: Character, label: str, degrees: dict[str, float], turn: float) -> np.ndarray:
+    skeleton = character.skeleton
+    pose = Pose(jnp.eye(4, dtype=skeleton.axes.dtype), jnp.asarray(_angles(character, degrees)))
+    vertices = np.asarray(skin(character, pose), np.float64)
+    joints = np.asarray(landmark_positions(skeleton, pose), np.float64)
+    intrinsics, cam_from_world = _camera(vertices, turn)
+    return draw_overlay(
+        np.full((_SIZE[1], _SIZE[0], 3), _PAPER, np.uint8),
+        vertices,
+        np.asarray(character.faces),
+        intrinsics,
+        cam_from_world,
+        joints=joints,
+        joint_names=skeleton.landmark_names,
+        label=label,
+        style=OverlayStyle(opacity=0.85, contour=0, bones=0 if degrees else 1),
+    )
+
+
+def _angles(character: Character, degrees: dict[str, float]) -> np.ndarray:
+    """Joint angles of both sides, within the limits; those that are not named stay as at rest."""
+    skeleton, at_rest = character.skeleton, angles_at_rest(character.skeleton)
+    angles = np.zeros(skeleton.num_angles, np.float32)
+    for number, name in enumerate(skeleton.dof_names[6:]):
+        wanted = degrees.get(name, degrees.get(name[2:]))
+        if wanted is not None:
+            angles[number] = np.radians(wanted) - at_rest[number]
+    return np.clip(angles, np.asarray(skeleton.lower), np.asarray(skeleton.upper))
+
+
+def _camera(vertices: np.ndarray, turn: float) -> tuple[np.ndarray, np.ndarray]:
+    """A camera far away that sees all vertices from the front, turned to the subject's left by degrees."""
+    angle = np.radians(turn)
+    forward = -np.array([np.sin(angle), 0.0, np.cos(angle)])
+    rotation = np.stack([np.cross([0.0, -1.0, 0.0], forward), [0.0, -1.0, 0.0], forward])
+    seen = vertices @ rotation.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    middle = (low + high) / 2
+    focal = 0.92 * _DISTANCE * min(_SIZE[0] / (high - low)[0], _SIZE[1] / (high - low)[1])
+    cam_from_world = np.eye(4)
+    cam_from_world[:3, :3], cam_from_world[:3, 3] = rotation, [-middle[0], -middle[1], _DISTANCE - middle[2]]
+    return np.array([[focal, 0, _SIZE[0] / 2], [0, focal, _SIZE[1] / 2], [0, 0, 1]]), cam_from_world
