@@ -299,7 +299,7 @@ def test_evaluate_without_a_truth_or_a_result_is_refused(film, result, tmp_path,
 @pytest.mark.slow
 def test_an_interrupted_run_leaves_nothing_behind(film, tmp_path):
     running = subprocess.Popen(
-        [*COMMAND, "track", str(film), "--out", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True
+        [*COMMAND, "track", str(film), "--out", str(tmp_path / "out"), "--no-cache"], stderr=subprocess.PIPE, text=True
     )
     assert running.stderr is not None
     assert "register" in running.stderr.readline()
