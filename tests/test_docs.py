@@ -104,13 +104,15 @@ def test_the_sampler_of_contributing_finds_the_bottom_of_a_bowl():
     assert info.steps.best_energy[-1] <= info.steps.best_energy[0]
 
 
-def test_the_metric_of_contributing_is_the_speed_of_a_sliding_character(shown):
-    foot_slide = run_block("jaxmocap/metrics/_foot_slide.py")["foot_slide"]
+def test_the_metric_of_contributing_is_the_way_of_a_sliding_character(shown):
+    path_length = run_block("jaxmocap/metrics/_path_length.py")["path_length"]
     rest = rest_pose(shown.character.skeleton)
     poses = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (3, *leaf.shape)), rest)
-    slid = eqx.tree_at(lambda p: p.root, poses, poses.root.at[:, 0, 3].set(jnp.array([0.0, 0.05, 0.1])))
+    slid = eqx.tree_at(
+        lambda p: p.root, poses, poses.root.at[:, :3, 3].set(jnp.array([[0, 0, 0], [0.3, 9, 0.4], [0, 0, 0]]))
+    )
     motion = Motion.from_poses(shown.character, slid, [0, 1, 2], [0.0, 0.1, 0.2])
-    assert foot_slide(motion) == pytest.approx(0.5, rel=1e-4)
+    assert path_length(motion) == pytest.approx(1.0, rel=1e-4)
 
 
 def test_the_exporter_of_contributing_writes_every_frame(motion, tmp_path, monkeypatch):
