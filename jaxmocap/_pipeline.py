@@ -33,7 +33,7 @@ from jaxmocap.track import (
     track_frames,
     with_settings,
 )
-from jaxmocap.viewers import overlay_videos
+from jaxmocap.viewers import overlay_videos, report_page
 
 Report = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
@@ -105,8 +105,8 @@ def track_capture(
     detections_frames: Collection[int] | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Motion:
-    """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
-    video per view. Nothing is left behind when it fails.
+    """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json`, one overlay
+    video per view, and the report page. Nothing is left behind when it fails.
 
     `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `actor` is a character's file and
     `tracker` a tracker, instead of the capture's and the preset; `settings` change single settings of the tracker by
@@ -203,6 +203,9 @@ def track_capture(
         )
         if overlays:
             tell("overlays", 0, 1)
-            overlay_videos(capture, motion.cameras or cameras, motion, staging)
+            overlay_videos(capture, cameras, motion, staging)
             tell("overlays", 1, 1)
+        tell("report page", 0, 1)
+        report_page(staging, capture=capture, say=say)
+        tell("report page", 1, 1)
     return motion

@@ -47,5 +47,10 @@ from .calibration import RefinedCameras as RefinedCameras, refine_cameras as ref
 from .metrics import evaluate as evaluate
 from .exporters import export as export
 from .importers import read_motion as read_motion
-from .viewers import contact_sheet as contact_sheet, draw_overlay as draw_overlay, overlay_videos as overlay_videos
+from .viewers import (
+    contact_sheet as contact_sheet,
+    draw_overlay as draw_overlay,
+    overlay_videos as overlay_videos,
+    report_page as report_page,
+)
 from ._pipeline import track_capture as track_capture

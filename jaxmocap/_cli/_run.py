@@ -18,6 +18,7 @@ from ._fit_character import fit_character
 from ._read_motion import read_motion
 from ._refine_cameras import refine_cameras
 from ._register import register
+from ._report_page import report_page
 from ._segment import segment
 from ._sync import sync
 from ._track import track
@@ -36,6 +37,7 @@ _COMMANDS = {
     "register": register,
     "track": track,
     "refine-cameras": refine_cameras,
+    "report-page": report_page,
     "evaluate": evaluate,
     "export": export,
     "read-motion": read_motion,

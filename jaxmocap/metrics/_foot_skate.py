@@ -1,4 +1,5 @@
-"""Foot skate: how fast feet slide while they stand."""
+"""Foot skate: how fast feet slide while they stand. "Near the ground" is that of Zhang et al., Mode-Adaptive Neural
+Networks for Quadruped Motion Control (2018), who weigh speeds by height where we count them or do not."""
 
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ _LOW = 5  # percentile of a point's heights that counts as the ground: a frame t
 
 @dataclass(frozen=True)
 class FootSkate:
-    """Horizontal speed in m/s of the left and the right foot from each frame to the next, NaN where it does not stand."""
+    """Horizontal speed of the left and the right foot from each frame to the next, m/s; NaN where it does not stand."""
 
     speed: Float[np.ndarray, "interval foot"]
 
@@ -24,10 +25,10 @@ class FootSkate:
         return {"mean": float(known.mean()), "p95": float(np.percentile(known, 95))} if known.size else {}
 
 
-def foot_skate(motion: Motion, height: float = 0.04) -> FootSkate:
-    """Foot skate of a motion. A foot stands from one frame to the next while its heel, or its toe, stays within `height`
-    metres of the ground, which lies where that point is at its lowest; of two such points the slower one counts, so
-    that a foot may turn on its heel or roll over its toe.
+def foot_skate(motion: Motion, height: float = 0.025) -> FootSkate:
+    """Foot skate of a motion. A foot stands from one frame to the next while its heel, or its toe, stays within
+    `height` metres of the ground, which lies where that point is at its lowest; of two such points the slower one
+    counts, so that a foot may turn on its heel or roll over its toe.
 
     The ground is taken to be level. Dancers slide on purpose: a large value is a reason to look, not an error.
     """

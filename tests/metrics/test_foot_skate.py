@@ -19,9 +19,7 @@ TIMES = np.array([0.0, 0.1, 0.2, 0.25, 0.4, 0.5])
 
 def moved(steps: np.ndarray) -> Motion:
     """The character at rest, carried along by (frame, 3) metres."""
-    poses = jax.tree.map(
-        lambda leaf: jnp.broadcast_to(leaf, (len(steps), *leaf.shape)), rest_pose(CHARACTER.skeleton)
-    )
+    poses = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(steps), *leaf.shape)), rest_pose(CHARACTER.skeleton))
     poses = eqx.tree_at(lambda pose: pose.root, poses, poses.root.at[:, :3, 3].set(jnp.asarray(steps)))
     return Motion.from_poses(CHARACTER, poses, np.arange(len(steps)), TIMES[: len(steps)])
 
