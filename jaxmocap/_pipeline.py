@@ -1,10 +1,8 @@
 """A capture folder in, a result folder out: what the command `track` does."""
 
-import platform
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ import numpy as np
 
 from jaxmocap._complete import MaskRecord, mask_record, with_person_masks, with_selected_frames
 from jaxmocap._results import InputError
+from jaxmocap._runtime import versions
 from jaxmocap.capture import Capture, Detections
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion, claim_output, write_json
@@ -37,16 +36,6 @@ from jaxmocap.viewers import overlay_videos, report_page
 
 Report = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for package in ("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "numpy", "opencv-python-headless", "av"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
 
 
 def open_character(capture: Capture, actor: str | Path | None = None) -> Character:
@@ -182,7 +171,7 @@ def track_capture(
             "detections_frames": None if detections_frames is None else sorted(detections_frames),
             "settings": {name: str(value) for name, value in (settings or {}).items()},
             "seed": seed,
-            "versions": _versions(),
+            "versions": versions(),
             "device": str(jax.devices()[0]),
             "seconds": {"prepare": prepared - begin, "track": tracked - prepared},
             "selected_frames": selection,

@@ -54,3 +54,4 @@ from .viewers import (
     report_page as report_page,
 )
 from ._pipeline import track_capture as track_capture
+from ._doctor import Diagnosis as Diagnosis, doctor as doctor

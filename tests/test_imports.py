@@ -10,8 +10,8 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "jaxmocap"
 ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
-    ("_pipeline", "_calibrate"),
-    ("_complete", "_synchronise"),
+    ("_pipeline", "_calibrate", "_doctor"),
+    ("_complete", "_synchronise", "_self_test"),
     ("baselines",),
     ("viewers",),
     ("exporters", "importers", "metrics"),
@@ -37,6 +37,7 @@ HOST_PACKAGES = {
     "synthetic",
     "appearance",
     "track",
+    "_doctor",
     "_cli",
 }
 ARRAYS_ONLY = {"samplers", "refiners", "geometry"}

@@ -12,6 +12,7 @@ from ._calibrate import calibrate
 from ._cameras import cameras
 from ._check import check
 from ._demo import demo
+from ._doctor import doctor
 from ._evaluate import evaluate
 from ._export import export
 from ._fit_character import fit_character
@@ -41,6 +42,7 @@ _COMMANDS = {
     "evaluate": evaluate,
     "export": export,
     "read-motion": read_motion,
+    "doctor": doctor,
 }
 _DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
 
