@@ -21,6 +21,8 @@ PACKAGES = (
 EXTRAS = {
     "parquet": ("pyarrow", "export to .parquet"),
     "usd": ("usd-core", "export to .usd, .usda and .usdc"),
+    "view": ("viser", "view"),
+    "rerun": ("rerun-sdk", "view --rerun"),
 }
 """Optional parts: the package each needs, and what it is for."""
 _DECODERS = {"h264": "H.264", "hevc": "H.265 (HEVC)", "vp9": "VP9", "av1": "AV1", "libdav1d": "AV1", "mpeg4": "MPEG-4"}

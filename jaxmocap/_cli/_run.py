@@ -23,6 +23,7 @@ from ._report_page import report_page
 from ._segment import segment
 from ._sync import sync
 from ._track import track
+from ._view import view
 
 YOUR_INPUT, INTERRUPTED = 2, 130
 """Exit codes; a bug of ours passes through, so that Python prints its traceback and exits with 1."""
@@ -41,6 +42,7 @@ _COMMANDS = {
     "report-page": report_page,
     "evaluate": evaluate,
     "export": export,
+    "view": view,
     "read-motion": read_motion,
     "doctor": doctor,
 }
