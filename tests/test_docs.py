@@ -1,6 +1,8 @@
 """The documentation's code runs, and its tables say what the code does."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import equinox as eqx
@@ -150,3 +152,21 @@ def test_the_table_of_degrees_of_freedom_is_the_code_s():
         if not dof.name.startswith("r_")
     ]
     assert rows == expected
+
+
+def test_the_pages_of_the_api_name_everything_public():
+    from jaxmocap import _public
+
+    pages = "".join(path.read_text() for path in (ROOT / "docs" / "api").glob("*.md"))
+    shown = set(re.findall(r"^::: [\w.]+\.(\w+)$", pages, re.MULTILINE))
+    public = {name for name, value in vars(_public).items() if callable(value)}
+    assert public - shown == set()
+
+
+def test_the_site_builds_without_a_warning(tmp_path):
+    pytest.importorskip("mkdocstrings", reason="the extra 'docs' is not installed")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    for page, words in {"api/pipeline": "track_capture", "extending": "HillClimbing", "changes": "0.1.0"}.items():
+        assert words in (tmp_path / page / "index.html").read_text()
