@@ -33,8 +33,9 @@ _ENCODER = "libx264"
 class Diagnosis:
     """What `doctor` found. `problems` are sentences that say what is wrong and what to do; none, if all is well.
 
-    `cache` has the `folder` of compiled programs, their `files` and `megabytes`, and whether it is `writable`. `extras`
-    has a version, or None, per optional part. `tests` are the steps of the self-test, empty where it was left out.
+    `cache` has the `folder` of compiled programs (None where they are not kept), their `files` and `megabytes`, and
+    whether it is `writable`. `extras` has a version, or None, per optional part. `tests` are those of the self-test,
+    empty where it was left out.
     """
 
     versions: dict[str, str]
@@ -61,7 +62,11 @@ def doctor(*, test: bool = True) -> Diagnosis:
     tests = self_test() if test else []
     problems = [f"{name} is not installed; install jaxmocap again" for name in _missing(found)]
     problems += _unmet(found)
-    if not cache["writable"]:
+    if cache["folder"] is None:
+        problems.append(
+            "compiled programs are not kept: call jm.prepare() before JAX is imported, or set JAX_COMPILATION_CACHE_DIR"
+        )
+    elif not cache["writable"]:
         problems.append(
             f"compiled programs cannot be kept in {cache['folder']}: every run compiles anew, for minutes; set "
             "JAX_COMPILATION_CACHE_DIR to a folder that can be written to"
@@ -75,7 +80,7 @@ def doctor(*, test: bool = True) -> Diagnosis:
             "platform": platform.platform(),
             "cores": cores(),
             "memory_gb": _memory(),
-            "free_disk_gb": round(shutil.disk_usage(_existing(Path(cache["folder"]))).free / 1e9, 1),
+            "free_disk_gb": round(shutil.disk_usage(_existing(Path(cache["folder"] or "."))).free / 1e9, 1),
         },
         devices=devices,
         cache=cache,
@@ -91,7 +96,7 @@ def cache_state() -> dict[str, Any]:
     """Where compiled programs are kept: folder, files, megabytes, and whether it can be written to."""
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if folder is None:
-        return {"folder": "nowhere", "files": 0, "megabytes": 0.0, "writable": False}
+        return {"folder": None, "files": 0, "megabytes": 0.0, "writable": False}
     path = Path(folder)
     files = [entry for entry in path.rglob("*") if entry.is_file()] if path.is_dir() else []
     return {

@@ -194,7 +194,7 @@ def track_capture(
             tell("overlays", 0, 1)
             overlay_videos(capture, cameras, motion, staging)
             tell("overlays", 1, 1)
-        tell("report page", 0, 1)
-        report_page(staging, capture=capture, say=say)
-        tell("report page", 1, 1)
+    tell("report page", 0, 1)  # made of what is written; whatever happens to it, the result is safe
+    report_page(out, capture=capture, say=say)
+    tell("report page", 1, 1)
     return motion

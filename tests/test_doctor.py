@@ -50,6 +50,8 @@ def test_a_sound_installation_has_no_problems(monkeypatch):
     assert set(found.extras) == set(_doctor.EXTRAS)
     monkeypatch.setattr(_doctor, "cache_state", lambda: kept | {"writable": False})
     assert ["compiled programs cannot be kept" in problem for problem in doctor(test=False).problems] == [True]
+    monkeypatch.setattr(_doctor, "cache_state", lambda: kept | {"folder": None, "writable": False})
+    assert ["call jm.prepare()" in problem for problem in doctor(test=False).problems] == [True]
 
 
 def test_the_cache_is_counted(monkeypatch, tmp_path):

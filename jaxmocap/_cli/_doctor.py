@@ -42,7 +42,8 @@ def _tables(found: "Diagnosis") -> Group:
         limit = "" if device["memory_gb"] is None else f", {device['memory_gb']} GB"
         rows.append(("device", f"{device['name']} ({device['kind']}{limit})"))
     cache = found.cache
-    rows.append(("compiled programs", f"{cache['folder']}: {cache['files']} files, {cache['megabytes']} MB"))
+    kept = f"{cache['folder']}: {cache['files']} files, {cache['megabytes']} MB"
+    rows.append(("compiled programs", kept if cache["folder"] else "not kept"))
     rows.append(("free disk", f"{system['free_disk_gb']} GB"))
     rows.append(("reads", ", ".join(label for label, there in found.decoders.items() if there)))
     rows.append(("writes", "H.264" if found.encodes else "nothing"))

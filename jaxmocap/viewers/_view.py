@@ -7,19 +7,17 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
 from jaxmocap.motion import Motion
 
 from ._shown import Shown, gather
+from ._view_cameras import CameraViews
 
 _STATUS_COLOURS = {"ok": (70, 170, 255), "doubtful": (255, 160, 30), "lost": (235, 60, 60)}
 _OTHER_COLOUR, _TRUTH_COLOUR = (170, 120, 230), (30, 160, 70)
 _CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#56a0d0")
-_FRUSTUM = 0.6  # metres from a camera to its little picture
-_BEHIND = 3.0  # metres from the person to the picture behind it, seen through a camera
 _FREE = "free"
 
 
@@ -58,7 +56,7 @@ class ResultViewer:
         self._build_scene()
         self._build_panel()
         self.go(0)
-        server.on_client_connect(lambda client: self._greet(client))
+        server.on_client_connect(lambda client: self._cameras.lead(client, self.position, self._view_index()))
         self._player = threading.Thread(target=self._play_along, daemon=True)
         self._player.start()
 
@@ -107,7 +105,6 @@ class ResultViewer:
         ground = float(np.percentile(motion.joints[..., 1 if motion.up == "y" else 2], 1))
         at = (0.0, ground, 0.0) if motion.up == "y" else (0.0, 0.0, ground)
         scene.add_grid("/ground", plane="xz" if motion.up == "y" else "xy", position=at, cell_size=0.5)
-        self._middle = motion.joints.mean(axis=(0, 1)).astype(float)
         self._mesh = self._add_mesh("/result/mesh", motion, 0, _STATUS_COLOURS["ok"])
         self._bones = scene.add_line_segments("/result/skeleton", shown.bones(motion, 0), (20, 90, 40), thickness=0.014)
         self._other_mesh = self._other_bones = None
@@ -120,18 +117,7 @@ class ResultViewer:
             self._truth = scene.add_point_cloud(
                 "/truth", np.zeros((1, 3), np.float32), _TRUTH_COLOUR, point_size=0.02, point_shape="circle"
             )
-        self._frusta, self._screens = [], []
-        blank = np.zeros((2, 2, 3), np.uint8)
-        for index, name in enumerate(shown.camera_names):
-            width, height = motion.cameras.sizes[index]
-            focal = float(motion.cameras.intrinsics[index, 1, 1])
-            fov = 2 * np.arctan(height / (2 * focal))
-            path = f"/cameras/{index}"
-            self._frusta.append(
-                scene.add_camera_frustum(path, fov=fov, aspect=width / height, scale=_FRUSTUM, color=(60, 60, 60))
-            )
-            scene.add_label(f"{path}/name", name)
-            self._screens.append(scene.add_image(f"/screens/{index}", blank, 1.0, 1.0, visible=False))
+        self._cameras = CameraViews(self._server, shown)
 
     def _add_mesh(self, path: str, motion: Motion, index: int, colour: tuple[int, int, int]) -> Any:
         faces = np.asarray(motion.character.faces)
@@ -208,7 +194,7 @@ class ResultViewer:
                 self._truth.visible = self._with_truth.value and len(points) > 0
                 if len(points):
                     self._truth.points = points
-            self._draw_cameras()
+            self._cameras.draw(index, self._view_index(), self._with_cameras.value, self._with_images.value)
             for plot, x, values in self._plots:
                 now = np.full(len(x), np.min(values))
                 now[index] = np.max(values)  # a spike where the slider is
@@ -237,75 +223,13 @@ class ResultViewer:
         x, y, z = (1.5 * float(value) for value in right)
         return x, y, z
 
-    def _draw_cameras(self) -> None:
-        through = self._view_index()
-        for index, (frustum, screen) in enumerate(zip(self._frusta, self._screens, strict=True)):
-            wxyz, position, _ = self._pose_of(index)
-            frustum.wxyz, frustum.position = wxyz, position
-            frustum.visible = self._with_cameras.value and through is None
-            screen.visible = through == index and self._with_images.value
-            image = self.shown.image(index, self.position) if self._with_images.value else None
-            if screen.visible and image is not None:
-                self._place_screen(index, screen, image)
-            elif frustum.visible:
-                frustum.image = image
-        if through is not None:
-            for client in self._server.get_clients().values():
-                self._lead(client, through)
-
-    def _place_screen(self, index: int, screen: Any, image: np.ndarray) -> None:
-        """The picture as a wall behind the person, just as large as the camera sees it there."""
-        cameras = self.shown.motion.cameras
-        k = np.asarray(cameras.intrinsics[index], float)
-        width, height = cameras.sizes[index]
-        wxyz, position, world_from_cam = self._pose_of(index)
-        depth = float(np.linalg.norm(self._middle - position)) + _BEHIND
-        centre = np.array([(width / 2 - k[0, 2]) / k[0, 0], (height / 2 - k[1, 2]) / k[1, 1], 1.0]) * depth
-        screen.image = image
-        screen.render_width, screen.render_height = depth * width / k[0, 0], depth * height / k[1, 1]
-        screen.wxyz, screen.position = wxyz, position + world_from_cam @ centre
-
-    def _pose_of(self, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A camera's rotation as a quaternion, its place, and the rotation `world_from_cam`."""
-        cam_from_world = np.asarray(self.shown.motion.cameras.cam_from_world[index, self.position], np.float64)
-        rotation = cam_from_world[:3, :3].T
-        wxyz = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-        return wxyz, -rotation @ cam_from_world[:3, 3], rotation
+    def _look(self) -> None:
+        self._redraw()
+        for client in self._server.get_clients().values():
+            self._cameras.lead(client, self.position, self._view_index())
 
     def _view_index(self) -> int | None:
         return None if self._eye.value == _FREE else self.shown.camera_names.index(self._eye.value)
-
-    def _look(self) -> None:
-        self._redraw()
-        if self._view_index() is None:
-            for client in self._server.get_clients().values():
-                self._greet(client)
-
-    def _lead(self, client: Any, index: int) -> None:
-        """Put a visitor's eye where a camera was."""
-        wxyz, position, rotation = self._pose_of(index)
-        height = self.shown.motion.cameras.sizes[index][1]
-        with client.atomic():
-            client.camera.wxyz, client.camera.position = wxyz, position
-            client.camera.look_at = position + rotation[:, 2] * float(np.linalg.norm(self._middle - position))
-            client.camera.up_direction = -rotation[:, 1]
-            client.camera.fov = 2 * np.arctan(height / (2 * float(self.shown.motion.cameras.intrinsics[index, 1, 1])))
-
-    def _greet(self, client: Any) -> None:
-        """A visitor first sees the person from half way up, some steps behind the first camera's side."""
-        through = self._view_index()
-        if through is not None:
-            self._lead(client, through)
-            return
-        away = np.array([2.5, 1.0, 2.5]) if self.shown.motion.up == "y" else np.array([2.5, -2.5, 1.0])
-        if self._frusta:
-            _, position, rotation = self._pose_of(0)
-            away = 0.75 * (position - self._middle) + 0.6 * rotation[:, 0] - 0.5 * rotation[:, 1]
-        with client.atomic():
-            client.camera.fov = 0.9
-            client.camera.up_direction = (0.0, 1.0, 0.0) if self.shown.motion.up == "y" else (0.0, 0.0, 1.0)
-            client.camera.position = self._middle + away
-            client.camera.look_at = self._middle
 
     def _play_along(self) -> None:
         times = self.shown.motion.timestamps

@@ -113,7 +113,7 @@ def test_every_frame_shows_its_pose_its_images_and_its_status(viewer, world):
         ends = viewer._bones.points[0]
         pelvis, spine = (motion.joints[index, motion.joint_names.index(name)] for name in ("pelvis", "spine"))
         np.testing.assert_allclose(ends, [pelvis, spine], atol=1e-6)
-        np.testing.assert_allclose(viewer._frusta[1].position, shown.cameras.centres()[1, index], atol=1e-4)
+        np.testing.assert_allclose(viewer._cameras.frusta[1].position, shown.cameras.centres()[1, index], atol=1e-4)
         assert viewer._other_mesh.visible == (index > 0)
 
 
@@ -124,7 +124,7 @@ def test_toggles_hide_what_they_name(viewer):
         "_with_bones": viewer._bones,
         "_with_truth": viewer._truth,
         "_with_other": viewer._other_mesh,
-        "_with_cameras": viewer._frusta[0],
+        "_with_cameras": viewer._cameras.frusta[0],
     }
     for name, handle in pairs.items():
         toggle = getattr(viewer, name)
@@ -151,10 +151,10 @@ def test_the_picture_seen_through_a_camera_lies_where_the_camera_saw_it(viewer, 
     viewer.go(3)
     viewer._eye.value = shown.cameras.names[1]
     viewer._redraw()
-    screen, (width, height) = viewer._screens[1], shown.size
+    screen, (width, height) = viewer._cameras.screens[1], shown.size
     assert screen.visible
-    assert not viewer._screens[0].visible
-    assert not viewer._frusta[0].visible
+    assert not viewer._cameras.screens[0].visible
+    assert not viewer._cameras.frusta[0].visible
     turn = Rotation.from_quat(screen.wxyz, scalar_first=True).as_matrix()
     half = np.array([screen.render_width / 2, screen.render_height / 2, 0.0])
     view_ = shown.cameras.at(3)
@@ -236,7 +236,7 @@ def test_motions_without_cameras_or_truth_are_shown_too(world):
     served = view(bare[:1], port=18833)
     try:
         assert isinstance(motion.cameras, Cameras)
-        assert served._frusta == []
+        assert served._cameras.frusta == []
         assert served._truth is None
         served.go(5)
         assert served.position == 0
