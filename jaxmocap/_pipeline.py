@@ -10,12 +10,13 @@ import jax
 import numpy as np
 
 from jaxmocap._complete import MaskRecord, mask_record, say_doubts, with_selected_frames
-from jaxmocap._inputs import code_hash, machine, versions
+from jaxmocap._inputs import code_hash, machine
 from jaxmocap._kept_stages import kept
 from jaxmocap._prepare import Prepared, prepare
 from jaxmocap._records import different, digest
 from jaxmocap._results import InputError
 from jaxmocap._run_folder import finished, run_folder
+from jaxmocap._runtime import versions
 from jaxmocap.capture import Capture, Detections, content_hash, folder_hash
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion, write_json
@@ -34,7 +35,7 @@ from jaxmocap.track import (
     track_frames,
     with_settings,
 )
-from jaxmocap.viewers import overlay_videos
+from jaxmocap.viewers import overlay_videos, report_page
 
 Report = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
@@ -102,8 +103,8 @@ def track_capture(
     resume: bool = False,
     cache: bool = True,
 ) -> Motion:
-    """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json` and one overlay
-    video per view.
+    """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json`, one overlay
+    video per view, and the report page.
 
     `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `actor` is a character's file and
     `tracker` a tracker, instead of the capture's and the preset; `settings` change single settings of the tracker by
@@ -117,6 +118,7 @@ def track_capture(
     Unless `cache` is off, registration and appearance are kept in the user's cache folder and taken from there when
     capture, character, settings, seed and code are the same.
     """
+    tell = progress or (lambda stage, done, total: None)
     out = Path(out)
     begin = time.perf_counter()
     capture = Capture.open(path)
@@ -214,10 +216,12 @@ def track_capture(
             },
         )
         if overlays:
-            tell = progress or (lambda stage, done, total: None)
             tell("overlays", 0, 1)
-            overlay_videos(capture, motion.cameras or cameras, motion, staging)
+            overlay_videos(capture, cameras, motion, staging)
             tell("overlays", 1, 1)
+    tell("report page", 0, 1)  # made of what is written; whatever happens to it, the result is safe
+    report_page(out, capture=capture, say=say)
+    tell("report page", 1, 1)
     return motion
 
 

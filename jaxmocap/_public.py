@@ -53,5 +53,9 @@ from .viewers import (
     draw_character as draw_character,
     draw_overlay as draw_overlay,
     overlay_videos as overlay_videos,
+    report_page as report_page,
+    view as view,
+    write_rerun as write_rerun,
 )
 from ._pipeline import track_capture as track_capture
+from ._doctor import Diagnosis as Diagnosis, doctor as doctor

@@ -1,10 +1,14 @@
-"""The process: where compiled programs are kept, how many CPU devices there are, and its memory."""
+"""The process: versions, where compiled programs are kept, how many CPU devices there are, and its memory."""
 
 import ctypes
 import os
+import platform
 import sys
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+_RECORDED = ("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "numpy", "opencv-python-headless", "av")
 _SHORTEST_COMPILATION = 0.0  # seconds: hundreds of small programs take longer to compile than to read
 
 
@@ -19,7 +23,7 @@ def prepare() -> None:
     settings = {
         "jax_compilation_cache_dir": str(cache_folder("xla")),
         "jax_persistent_cache_min_compile_time_secs": _SHORTEST_COMPILATION,
-        "jax_num_cpu_devices": _cores(),
+        "jax_num_cpu_devices": cores(),
     }
     for name, value in settings.items():
         os.environ.setdefault(name.upper(), str(value))
@@ -38,7 +42,18 @@ def release_memory() -> None:
             trim(0)
 
 
-def _cores() -> int:
+def versions(packages: Sequence[str] = _RECORDED) -> dict[str, str]:
+    """Versions of Python and of packages, by default those that a result depends on; "not installed" where absent."""
+    found = {"python": platform.python_version()}
+    for package in packages:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def cores() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

@@ -293,6 +293,18 @@ def test_evaluate_without_a_truth_or_a_result_is_refused(film, result, tmp_path,
     assert "without a truth" in refused(["evaluate", tmp_path / "untold"], capsys)
 
 
+# report-page ------------------------------------------------------------------------------------------------------
+
+
+def test_report_page_writes_the_page_of_a_result_again(film, result, capsys):
+    assert run(["report-page", str(result), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out) == {"page": str(result / "report.html")}
+    assert "no pictures: there is no overlay_cam0.mp4" in err
+    assert "<!doctype html>" in (result / "report.html").read_text()
+    assert "is not a result" in refused(["report-page", film], capsys)
+
+
 # track, register, demo --------------------------------------------------------------------------------------------
 
 
@@ -365,7 +377,7 @@ def test_track_from_the_command_line_is_as_good_as_it_says_and_repeatable(film, 
         assert (told["frames"], told["lost_frames"]) == (3, 0)
         motions.append(Motion.load(tmp_path / name))
     assert {path.name for path in (tmp_path / "one").iterdir()} == {
-        "motion.npz", "report.json", "registration.json", "overlay_cam0.mp4", "overlay_cam1.mp4",
+        "motion.npz", "report.json", "registration.json", "overlay_cam0.mp4", "overlay_cam1.mp4", "report.html",
     }  # fmt: skip
     assert motions[0].frames.tolist() == [1, 2, 3]
     np.testing.assert_array_equal(motions[0].root, motions[1].root)

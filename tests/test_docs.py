@@ -1,6 +1,8 @@
 """The documentation's code runs, and its tables say what the code does."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import equinox as eqx
@@ -104,13 +106,15 @@ def test_the_sampler_of_contributing_finds_the_bottom_of_a_bowl():
     assert info.steps.best_energy[-1] <= info.steps.best_energy[0]
 
 
-def test_the_metric_of_contributing_is_the_speed_of_a_sliding_character(shown):
-    foot_slide = run_block("jaxmocap/metrics/_foot_slide.py")["foot_slide"]
+def test_the_metric_of_contributing_is_the_way_of_a_sliding_character(shown):
+    path_length = run_block("jaxmocap/metrics/_path_length.py")["path_length"]
     rest = rest_pose(shown.character.skeleton)
     poses = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (3, *leaf.shape)), rest)
-    slid = eqx.tree_at(lambda p: p.root, poses, poses.root.at[:, 0, 3].set(jnp.array([0.0, 0.05, 0.1])))
+    slid = eqx.tree_at(
+        lambda p: p.root, poses, poses.root.at[:, :3, 3].set(jnp.array([[0, 0, 0], [0.3, 9, 0.4], [0, 0, 0]]))
+    )
     motion = Motion.from_poses(shown.character, slid, [0, 1, 2], [0.0, 0.1, 0.2])
-    assert foot_slide(motion) == pytest.approx(0.5, rel=1e-4)
+    assert path_length(motion) == pytest.approx(1.0, rel=1e-4)
 
 
 def test_the_exporter_of_contributing_writes_every_frame(motion, tmp_path, monkeypatch):
@@ -148,3 +152,21 @@ def test_the_table_of_degrees_of_freedom_is_the_code_s():
         if not dof.name.startswith("r_")
     ]
     assert rows == expected
+
+
+def test_the_pages_of_the_api_name_everything_public():
+    from jaxmocap import _public
+
+    pages = "".join(path.read_text() for path in (ROOT / "docs" / "api").glob("*.md"))
+    shown = set(re.findall(r"^::: [\w.]+\.(\w+)$", pages, re.MULTILINE))
+    public = {name for name, value in vars(_public).items() if callable(value)}
+    assert public - shown == set()
+
+
+def test_the_site_builds_without_a_warning(tmp_path):
+    pytest.importorskip("mkdocstrings", reason="the extra 'docs' is not installed")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    for page, words in {"api/pipeline": "track_capture", "extending": "HillClimbing", "changes": "0.1.0"}.items():
+        assert words in (tmp_path / page / "index.html").read_text()

@@ -10,11 +10,12 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "jaxmocap"
 ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
-    ("_pipeline", "_calibrate"),
+    ("_pipeline", "_calibrate", "_doctor"),
     ("_prepare", "_run_folder", "_kept_stages", "_inputs"),
-    ("_complete", "_synchronise"),
+    ("_complete", "_synchronise", "_self_test"),
     ("baselines",),
-    ("exporters", "importers", "metrics", "viewers"),
+    ("viewers",),
+    ("exporters", "importers", "metrics"),
     ("track", "calibration"),
     ("rigging",),
     ("energies", "samplers", "refiners", "motion"),
@@ -40,6 +41,7 @@ HOST_PACKAGES = {
     "synthetic",
     "appearance",
     "track",
+    "_doctor",
     "_cli",
 }
 ARRAYS_ONLY = {"samplers", "refiners", "geometry"}

@@ -52,7 +52,7 @@ def demo(
         lambda: evaluation_table(scores, "Demo against its truth"),
         json_wanted=json,
     )
-    say(f"Look at {out / 'contact_sheet.png'} and {result / 'overlay_cam0.mp4'}.")
+    say(f"Look at {out / 'contact_sheet.png'}, and open {result / 'report.html'} in a browser.")
     return report_lost(motion)
 
 

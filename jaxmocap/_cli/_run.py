@@ -14,6 +14,7 @@ from ._calibrate import calibrate
 from ._cameras import cameras
 from ._check import check
 from ._demo import demo
+from ._doctor import doctor
 from ._evaluate import evaluate
 from ._export import export
 from ._fit_character import fit_character
@@ -21,9 +22,11 @@ from ._read_motion import read_motion
 from ._refine_cameras import refine_cameras
 from ._register import register
 from ._rig import rig
+from ._report_page import report_page
 from ._segment import segment
 from ._sync import sync
 from ._track import track
+from ._view import view
 
 YOUR_INPUT, INTERRUPTED = 2, 130
 """Exit codes; a bug of ours passes through, so that Python prints its traceback and exits with 1."""
@@ -43,9 +46,12 @@ _COMMANDS = {
     "register": register,
     "track": track,
     "refine-cameras": refine_cameras,
+    "report-page": report_page,
     "evaluate": evaluate,
     "export": export,
+    "view": view,
     "read-motion": read_motion,
+    "doctor": doctor,
 }
 _DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
 

@@ -99,7 +99,7 @@ def sentence(motion: "Motion", out: Path) -> str:
     found = summary(motion)
     return (
         f"{out}: {found['frames']} frames, {found['lost_frames']} lost, {found['doubtful_frames']} doubtful, "
-        f"{found['seconds_per_frame']:.2f} s per frame"
+        f"{found['seconds_per_frame']:.2f} s per frame; open {out / 'report.html'}"
     )
 
 

@@ -1,6 +1,5 @@
 """Calibrating the moving cameras of a capture: structure from motion, then scale, gravity and a report."""
 
-import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -12,6 +11,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxmocap._results import InputError
+from jaxmocap._runtime import cores
 from jaxmocap.camera import Cameras, look_at_point, read_cameras
 from jaxmocap.capture import Capture
 from jaxmocap.motion import atomic_folder, write_bytes, write_json
@@ -80,7 +80,7 @@ def calibrate(
     began = time.perf_counter()
     recorded = as_recorded(capture)
     _refuse_numbers(height, camera_distance, up)
-    footage = footage_of(recorded, focal, key_step, _cores(), seed)
+    footage = footage_of(recorded, focal, key_step, cores(), seed)
     lengths, source = known_bone_lengths(recorded, height)
     keypoints = keypoints_of(recorded)
     refuse_without_scale(recorded, lengths, keypoints, camera_distance)
@@ -127,10 +127,6 @@ def calibrate(
         recorded, world.poses(solved.shared_poses()), world.points(solved.points), person, interpolated
     )
     return Calibration(cameras, record, pose_table(recorded, solved, world), picture, files)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _refuse_numbers(height: float | None, distance: float | None, up: tuple[float, float, float] | None) -> None:

@@ -3,7 +3,9 @@
 from jaxmocap.geometry import Similarity as Similarity, align_cameras as align_cameras, fit_similarity as fit_similarity
 
 from ._evaluate import evaluate as evaluate
+from ._foot_skate import FootSkate as FootSkate, foot_skate as foot_skate
 from ._joints import (
+    JOINTS as JOINTS,
     JointErrors as JointErrors,
     accelerations as accelerations,
     jitter as jitter,

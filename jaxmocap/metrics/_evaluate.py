@@ -10,6 +10,7 @@ from jaxmocap._results import InputError
 from jaxmocap.geometry import IDENTITY, Similarity, align_cameras, camera_residuals
 from jaxmocap.motion import Motion
 
+from ._foot_skate import foot_skate
 from ._joints import jitter, joint_errors
 from ._markers import marker_error
 from ._statistics import joint_statistics, marker_statistics
@@ -48,6 +49,9 @@ def evaluate(
     if reference.joints is not None:
         scores |= _joint_scores(evaluated, reference, joints, placed)
     scores["jitter_m_per_s2"] = jitter(evaluated, placed.scale)
+    skate = foot_skate(evaluated).summary()
+    if skate:
+        scores["foot_skate_m_per_s"] = {name: placed.scale * speed for name, speed in skate.items()}
     seconds = motion.provenance.get("seconds_per_frame")
     if seconds is not None:
         scores["seconds_per_frame"] = float(seconds)

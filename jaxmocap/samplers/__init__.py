@@ -7,7 +7,10 @@ from ._base import (
     Answer as Answer,
     Proposal as Proposal,
     StepInfo as StepInfo,
+    finite_or_inf as finite_or_inf,
+    first_proposal as first_proposal,
     particles_for as particles_for,
+    step_info as step_info,
 )
 from ._cross_entropy import CrossEntropy as CrossEntropy
 from ._isa import InteractingSimulatedAnnealing as InteractingSimulatedAnnealing

@@ -64,6 +64,11 @@ def draw_overlay(
     return drawn
 
 
+def bone_indices(names: Sequence[str]) -> Int[np.ndarray, "bone 2"]:
+    """Which joints the drawn bones join, of those that have a name."""
+    return np.array([[names.index(a), names.index(b)] for a, b in _BONES if a in names and b in names])
+
+
 def contact_sheet(
     images: Sequence[UInt8[np.ndarray, "height width 3"]], columns: int, *, gap: int = 4
 ) -> UInt8[np.ndarray, "sheet_height sheet_width 3"]:

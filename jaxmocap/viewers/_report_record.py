@@ -1,0 +1,223 @@
+"""What the report page shows of a result, but for the pictures: numbers and sentences that JSON knows."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmocap.camera import ranges
+from jaxmocap.character import angles_at_rest
+from jaxmocap.metrics import JOINTS, accelerations, foot_skate, jitter
+from jaxmocap.motion import Motion
+
+PASSED_OVER = "passed over"
+_AT_LIMIT = np.radians(1.0)
+_DOUBTFUL_MASK = 0.5
+_LOOK_FIRST = 3
+_WHY = {
+    "lost": "nothing found there explains the pixels, or it moves too fast",
+    "doubtful": "the covered pixels do not look like the person, part of the person stays uncovered, or the body moves "
+    "implausibly fast",
+    PASSED_OVER: "a flash lights them, so they were not looked at; the pose lies between its neighbours",
+}
+
+
+def frame_verdicts(motion: Motion) -> list[str]:
+    """Per frame "ok", "doubtful", "lost" or "passed over": doubtful, no energy, and no confidence in any joint."""
+    known = [np.isfinite(values) for values in motion.energy.values()]
+    unseen = ~np.any(known, axis=0) & (motion.confidence == 0).all(axis=1) if known else np.zeros(len(motion), bool)
+    passed = unseen & (motion.status == "doubtful")
+    return [PASSED_OVER if skipped else str(status) for skipped, status in zip(passed, motion.status, strict=True)]
+
+
+def headline(motion: Motion) -> str:
+    """The verdict in one sentence: how many frames may be trusted."""
+    if not motion.energy and "lost" not in motion.provenance:
+        return "This motion was not tracked in images: nothing here says how far it may be trusted."
+    frames, limbs = motion.frames, np.zeros(len(motion), bool)
+    for span in _limb_spans(motion):
+        limbs |= (frames >= span["first"]) & (frames <= span["last"])
+    good = int(((motion.status == "ok") & ~limbs).sum())
+    if good == len(motion):
+        return "The only frame can be trusted." if good == 1 else f"All {good} frames can be trusted."
+    partly = int(((motion.status == "ok") & limbs).sum())
+    besides = f" In {partly} more a limb is lost." if partly else ""
+    return f"{good} of {len(motion)} frames can be trusted.{besides}"
+
+
+def findings(motion: Motion) -> list[dict[str, Any]]:
+    """What is to be known before the result is used, the worst first: {kind, text, frames}, frames to look at."""
+    verdicts, spans = np.array(frame_verdicts(motion)), motion.provenance.get("lost") or []
+    found = []
+    reasons = sorted({span["why"] for span in spans if span["part"] == "body"})
+    for kind in ("lost", PASSED_OVER, "doubtful"):
+        frames = motion.frames[verdicts == kind].tolist()
+        if frames:
+            why = "; ".join(reasons) if kind == "lost" and reasons else _WHY[kind]
+            found.append(_finding(kind, f"{kind.capitalize()}: {_frames(frames)}: {why}.", _starts(frames)))
+    for span in _limb_spans(motion):
+        frames = [frame for frame in motion.frames.tolist() if span["first"] <= frame <= span["last"]]
+        sentence = f"The {span['part']} is lost in {_frames(frames or [span['first']])}: {span['why']}."
+        found.append(_finding("lost", sentence, frames[:1]))
+    found += _doubtful_masks(motion)
+    if motion.energy:
+        first = motion.frames[_least_sure(motion, verdicts != PASSED_OVER)].tolist()
+        found.append(_finding("note", f"Look first at {_frames(first)}, where confidence is least.", first))
+    return found
+
+
+def report_record(motion: Motion, report: Mapping[str, Any]) -> dict[str, Any]:
+    """Everything the page plots and lists; `report` is what `report.json` holds."""
+    inner = np.linalg.norm(accelerations(motion.joints.astype(np.float64), motion.timestamps), axis=-1).mean(axis=1)
+    skate = foot_skate(motion)
+    joints = [motion.joint_names.index(name) for name in JOINTS]
+    return {
+        "frames": motion.frames.tolist(),
+        "seconds": _rounded(motion.timestamps, 3),
+        "status": frame_verdicts(motion),
+        "energy": {name: _rounded(values, 4) for name, values in motion.energy.items()},
+        "confidence": {
+            "names": list(JOINTS),
+            "values": [_rounded(motion.confidence[:, joint], 2) for joint in joints],
+            "mean": _rounded(motion.confidence.mean(axis=1), 3),
+        },
+        "angles": _angles(motion),
+        "jitter": {
+            "values": _rounded(np.concatenate([[np.nan], inner, [np.nan]])[: len(motion)], 2),
+            "summary": jitter(motion),
+        },
+        "skate": {
+            "left": _rounded(np.append(skate.speed[:, 0], np.nan), 3),
+            "right": _rounded(np.append(skate.speed[:, 1], np.nan), 3),
+            "summary": skate.summary(),
+        },
+        "timings": _timings(motion, report),
+        "tables": _tables(motion),
+    }
+
+
+def read_report(path: Path) -> dict[str, Any]:
+    """`report.json`, or nothing where there is none that can be read: the page stands on `motion.npz`."""
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return report if isinstance(report, dict) else {}
+
+
+def _limb_spans(motion: Motion) -> list[dict[str, Any]]:
+    return [span for span in motion.provenance.get("lost") or [] if span["part"] != "body"]
+
+
+def _least_sure(motion: Motion, looked_at: np.ndarray) -> list[int]:
+    """A few positions of least mean confidence, apart from each other so that they are different moments."""
+    sure = np.where(looked_at, motion.confidence.mean(axis=1), np.inf)
+    picked: list[int] = []
+    while len(picked) < _LOOK_FIRST and np.isfinite(sure).any():
+        worst = int(np.argmin(sure))
+        picked.append(worst)
+        apart = max(len(motion) // 10, 1)
+        sure[max(worst - apart, 0) : worst + apart + 1] = np.inf
+    return sorted(picked)
+
+
+def _selected(motion: Motion) -> list[tuple[int, dict[str, Any]]]:
+    """Frame number and fit of each selected frame: the record counts frames that all cameras share, we the first
+    camera's, in which the same frames have other numbers."""
+    fits = sorted((motion.provenance.get("registration") or {}).items(), key=lambda item: int(item[0]))
+    numbers = (motion.provenance.get("selected_frames") or {}).get("frames") or []
+    if len(numbers) != len(fits):
+        numbers = [int(frame) for frame, _ in fits]
+    return [(number, fit) for number, (_, fit) in zip(sorted(numbers), fits, strict=True)]
+
+
+def _doubtful_masks(motion: Motion) -> list[dict[str, Any]]:
+    found = []
+    for frame, fit in _selected(motion):
+        for camera, mask in fit["masks"].items():
+            if mask.get("confidence", 1.0) < _DOUBTFUL_MASK:
+                text = f"The mask of {camera} at selected frame {frame} was found with confidence "
+                text += f"{mask['confidence']:.2f}: look at it, for colours are learnt there."
+                found.append(_finding("doubtful", text, [frame]))
+    return found
+
+
+def _angles(motion: Motion) -> list[dict[str, Any]]:
+    """Joint angles and limits in degrees from the neutral body, as in tables and OpenSim files."""
+    skeleton = motion.character.skeleton
+    rest = angles_at_rest(skeleton)
+    lower, upper = np.asarray(skeleton.lower), np.asarray(skeleton.upper)
+    at_limit = (motion.angles < lower + _AT_LIMIT) | (motion.angles > upper - _AT_LIMIT)
+    return [
+        {
+            "name": name,
+            "values": _rounded(np.degrees(motion.angles[:, dof] + rest[dof]), 1),
+            "lower": round(float(np.degrees(lower[dof] + rest[dof])), 1),
+            "upper": round(float(np.degrees(upper[dof] + rest[dof])), 1),
+            "at_limit": int(at_limit[:, dof].sum()),
+        }
+        for dof, name in enumerate(motion.dof_names[6:])
+    ]
+
+
+def _timings(motion: Motion, report: Mapping[str, Any]) -> dict[str, Any]:
+    """Seconds by stage over all frames, the longest first, and seconds of each frame."""
+    total: dict[str, float] = {}
+    by_frame = {}
+    for verdict in report.get("verdicts") or []:
+        seconds = verdict.get("seconds") or {}
+        by_frame[verdict.get("frame")] = sum(seconds.values())
+        for stage, value in seconds.items():
+            total[stage] = total.get(stage, 0.0) + value
+    frames = range(len(motion)) if len(by_frame) == len(motion) else ()
+    return {
+        "stages": [[stage, round(value, 2)] for stage, value in sorted(total.items(), key=lambda item: -item[1])],
+        "frames": _rounded(np.array([list(by_frame.values())[index] for index in frames]), 2),
+        "whole": {name: round(value, 1) for name, value in (motion.provenance.get("seconds") or {}).items()},
+    }
+
+
+def _tables(motion: Motion) -> list[dict[str, Any]]:
+    told = motion.provenance
+    run: list[tuple[str, Any]] = [("frames", f"{len(motion)}, {_frames(motion.frames.tolist())}")]
+    run += [("character", motion.character.name), ("vertical axis", motion.up)]
+    names = {"capture_name": "capture", "quality": "quality", "seed": "seed", "device": "device"}
+    run += [(label, told[name]) for name, label in names.items() if told.get(name) is not None]
+    run += [("file", Path(told["clip"]).name)] if told.get("clip") else []
+    run += [("actor", Path(told["actor"]).name)] if told.get("actor") else []
+    if told.get("detections"):
+        run.append(("detections", Path(told["detections"]).name))
+    if selected := told.get("selected_frames"):
+        run.append(("selected frames", f"{ranges(selected['frames'])} ({selected['source']})"))
+    if told.get("seconds_per_frame") is not None:
+        run.append(("seconds per frame", f"{told['seconds_per_frame']:.2f}"))
+    fits = []
+    for frame, fit in _selected(motion):
+        overlaps = ", ".join("unknown" if value is None else f"{value:.3f}" for value in fit["iou"])
+        rms = fit.get("keypoint_rms_m")
+        points = "" if rms is None else f"; keypoints off by {100 * rms:.1f} cm"
+        masks = ", ".join(sorted({mask["source"] for mask in fit["masks"].values()}))
+        fits.append((f"frame {frame}", f"overlap with the masks {overlaps}{points}; masks {masks}"))
+    tables = [("This run", run), ("Selected frames", fits)]
+    tables += [("Settings changed", list((told.get("settings") or {}).items()))]
+    tables += [("Versions", list((told.get("versions") or {}).items()))]
+    return [{"title": title, "rows": [[str(a), str(b)] for a, b in rows]} for title, rows in tables if rows]
+
+
+def _finding(kind: str, text: str, frames: Sequence[int]) -> dict[str, Any]:
+    return {"kind": kind, "text": text, "frames": list(frames)}
+
+
+def _frames(frames: Sequence[int]) -> str:
+    return f"frame{'s' * (len(frames) > 1)} {ranges(list(frames))}"
+
+
+def _starts(frames: Sequence[int]) -> list[int]:
+    """The first frame of each run, a handful of them."""
+    return [frame for frame in frames if frame - 1 not in set(frames)][:8]
+
+
+def _rounded(values: np.ndarray, digits: int) -> list[float | None]:
+    return [round(float(value), digits) if np.isfinite(value) else None for value in values]

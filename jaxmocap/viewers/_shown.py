@@ -1,0 +1,117 @@
+"""What viewers in three dimensions show: a result, its images, the truth and a second result, frame by frame."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from jaxmocap._results import InputError
+from jaxmocap.capture import Capture
+from jaxmocap.geometry import IDENTITY, align_cameras
+from jaxmocap.metrics import Truth
+from jaxmocap.motion import Motion
+
+from ._overlay import bone_indices
+from ._overlay_video import positions_in_capture
+
+_IMAGE_SIDE = 640  # pixels of the longer side; enough to look at, quick to send
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A motion, and what there is beside it: the `capture`'s images at `positions`, `truth` points in the motion's
+    world (NaN where unknown), and the `other` motion with its position for each frame (-1 where it has none).
+    `missing` says in sentences what could not be had."""
+
+    motion: Motion
+    capture: Capture | None
+    positions: tuple[int, ...]
+    truth: Float[np.ndarray, "frame point 3"] | None
+    other: Motion | None
+    other_positions: Int[np.ndarray, " frame"]
+    missing: tuple[str, ...]
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        return () if self.motion.cameras is None else self.motion.cameras.names
+
+    def image(self, view: int, index: int) -> UInt8[np.ndarray, "height width 3"] | None:
+        """One view's image at a position of the motion, RGB, made smaller; None without a capture."""
+        if self.capture is None:
+            return None
+        image = self.capture.image(view, self.positions[index])
+        scale = min(_IMAGE_SIDE / max(image.shape[:2]), 1.0)
+        return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+    def bones(self, motion: Motion, index: int) -> Float[np.ndarray, "bone 2 3"]:
+        """Both ends of the skeleton's bones."""
+        return motion.joints[index][bone_indices(motion.joint_names)]
+
+    def other_at(self, index: int) -> int | None:
+        """Where the second motion shows the same frame."""
+        found = int(self.other_positions[index])
+        return None if self.other is None or found < 0 else found
+
+
+def gather(
+    result: Motion | str | os.PathLike[str],
+    other: Motion | str | os.PathLike[str] | None = None,
+    truth: str | os.PathLike[str] | None = None,
+    capture: Capture | str | os.PathLike[str] | None = None,
+) -> Shown:
+    """All there is to show of a result. The capture and its truth are those that the result was tracked in, unless
+    others are given; where those are gone it is shown without. Raises `InputError` for what is given and unusable."""
+    motion = result if isinstance(result, Motion) else Motion.load(result)
+    missing: list[str] = []
+    opened, positions = _capture_of(motion, capture, missing)
+    compared = other if other is None or isinstance(other, Motion) else Motion.load(other)
+    found = np.full(len(motion), -1)
+    if compared is not None:
+        places = {int(frame): place for place, frame in enumerate(compared.frames)}
+        found = np.array([places.get(int(frame), -1) for frame in motion.frames])
+        if (found < 0).all():
+            raise InputError("The two results have no frame in common; are they of the same capture?")
+    points = _truth_of(motion, truth, missing)
+    return Shown(motion, opened, positions, points, compared, found, tuple(missing))
+
+
+def _capture_of(
+    motion: Motion, given: Capture | str | os.PathLike[str] | None, missing: list[str]
+) -> tuple[Capture | None, tuple[int, ...]]:
+    recorded = motion.provenance.get("capture")
+    if given is None and not recorded:
+        missing.append("The result does not say in which capture it was tracked; it is shown without images.")
+        return None, ()
+    try:
+        opened = given if isinstance(given, Capture) else Capture.open(str(given or recorded))
+        return opened, tuple(positions_in_capture(opened, motion))
+    except InputError as error:
+        if given is not None:
+            raise
+        missing.append(f"It is shown without images: {error}")
+        return None, ()
+
+
+def _truth_of(
+    motion: Motion, given: str | os.PathLike[str] | None, missing: list[str]
+) -> Float[np.ndarray, "frame point 3"] | None:
+    """Markers, else joints, of the truth at the motion's frames and in its world."""
+    path = given or motion.provenance.get("truth")
+    if not path:
+        return None
+    if given is None and not Path(path).is_file():
+        missing.append(f"The truth {path} is no longer there; it is shown without.")
+        return None
+    truth, evaluated = Truth.read(path).at(motion)
+    points = truth.markers if truth.markers is not None else truth.joints
+    assert points is not None  # a truth file has one of them
+    placed = IDENTITY
+    if truth.cam_from_world is not None and evaluated.cameras is not None:
+        ours = np.asarray(evaluated.cameras.cam_from_world, np.float64).reshape(-1, 4, 4)
+        placed = align_cameras(truth.cam_from_world.reshape(-1, 4, 4), ours)
+    everywhere = np.full((len(motion), *points.shape[1:]), np.nan)
+    everywhere[np.isin(motion.frames, evaluated.frames)] = placed(points)
+    return everywhere

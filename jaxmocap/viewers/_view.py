@@ -1,0 +1,254 @@
+"""The viewer: a result in three dimensions in the browser, served by viser."""
+
+import os
+import threading
+import time
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from jaxmocap._results import InputError
+from jaxmocap.capture import Capture
+from jaxmocap.motion import Motion
+
+from ._shown import Shown, gather
+from ._view_cameras import CameraViews
+
+_STATUS_COLOURS = {"ok": (70, 170, 255), "doubtful": (255, 160, 30), "lost": (235, 60, 60)}
+_OTHER_COLOUR, _TRUTH_COLOUR = (170, 120, 230), (30, 160, 70)
+_CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#56a0d0")
+_FREE = "free"
+
+
+def view(
+    result: Motion | str | os.PathLike[str],
+    *,
+    other: Motion | str | os.PathLike[str] | None = None,
+    truth: str | os.PathLike[str] | None = None,
+    capture: Capture | str | os.PathLike[str] | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+) -> "ResultViewer":
+    """Serve a result to the browser and return at once; the page is at `url` until `stop` is called.
+
+    It shows the skinned mesh, the skeleton and the cameras with their images along a time line with the curves of
+    energy and confidence, and lets one look through a camera. `other` is a second result of the same frames, shown
+    over the first or beside it; `truth` and `capture` are those that the result was tracked with unless given. Only
+    this machine reaches the page unless another `host` is given: whoever reaches it sees the images. Where `port` is
+    taken the next free one is used. Raises `InputError` if viser is not installed or something given cannot be used.
+    """
+    try:
+        import viser
+    except ImportError:
+        raise InputError("The viewer needs viser, which is not installed; run pip install 'jaxmocap[view]'.") from None
+    shown = gather(result, other, truth, capture)
+    return ResultViewer(viser.ViserServer(host=host, port=port, label="jaxmocap", verbose=False), shown)
+
+
+class ResultViewer:
+    """A page that `view` serves. `go` and `play` do what its slider and its button do."""
+
+    def __init__(self, server: Any, shown: Shown):
+        self._server, self.shown = server, shown
+        self.position = -1
+        self._lock, self._stopped = threading.RLock(), threading.Event()
+        self._build_scene()
+        self._build_panel()
+        self.go(0)
+        server.on_client_connect(lambda client: self._cameras.lead(client, self.position, self._view_index()))
+        self._player = threading.Thread(target=self._play_along, daemon=True)
+        self._player.start()
+
+    @property
+    def url(self) -> str:
+        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Sentences about what could not be shown."""
+        return self.shown.missing
+
+    def go(self, position: int) -> None:
+        """Show one frame of the motion, by its position."""
+        position = int(np.clip(position, 0, len(self.shown.motion) - 1))
+        with self._lock:
+            if position == self.position:
+                return
+            self.position = position
+            self._slider.value = position
+            self._draw()
+
+    def play(self, on: bool) -> None:
+        """Play in the time of the video, over and over, or stop."""
+        self._play.value = on
+
+    def wait(self) -> None:
+        """Return when the viewer was stopped, from elsewhere or by an interrupt."""
+        with suppress(KeyboardInterrupt):
+            self._stopped.wait()
+        self.stop()
+
+    def stop(self) -> None:
+        """Close the page."""
+        if not self._stopped.is_set():
+            self._stopped.set()
+            self._player.join(timeout=2)
+            self._server.stop()
+
+    # The scene ----------------------------------------------------------------------------------------------------
+
+    def _build_scene(self) -> None:
+        shown, scene = self.shown, self._server.scene
+        motion = shown.motion
+        scene.set_up_direction(f"+{motion.up}")
+        ground = float(np.percentile(motion.joints[..., 1 if motion.up == "y" else 2], 1))
+        at = (0.0, ground, 0.0) if motion.up == "y" else (0.0, 0.0, ground)
+        scene.add_grid("/ground", plane="xz" if motion.up == "y" else "xy", position=at, cell_size=0.5)
+        self._mesh = self._add_mesh("/result/mesh", motion, 0, _STATUS_COLOURS["ok"])
+        self._bones = scene.add_line_segments("/result/skeleton", shown.bones(motion, 0), (20, 90, 40), thickness=0.014)
+        self._other_mesh = self._other_bones = None
+        if shown.other is not None:
+            self._other_mesh = self._add_mesh("/other/mesh", shown.other, 0, _OTHER_COLOUR)
+            points = shown.bones(shown.other, 0)
+            self._other_bones = scene.add_line_segments("/other/skeleton", points, (80, 40, 130), thickness=0.014)
+        self._truth = None
+        if shown.truth is not None:
+            self._truth = scene.add_point_cloud(
+                "/truth", np.zeros((1, 3), np.float32), _TRUTH_COLOUR, point_size=0.02, point_shape="circle"
+            )
+        self._cameras = CameraViews(self._server, shown)
+
+    def _add_mesh(self, path: str, motion: Motion, index: int, colour: tuple[int, int, int]) -> Any:
+        faces = np.asarray(motion.character.faces)
+        return self._server.scene.add_mesh_simple(path, motion.vertices(index), faces, color=colour, side="double")
+
+    # The panel ----------------------------------------------------------------------------------------------------
+
+    def _build_panel(self) -> None:
+        shown, gui = self.shown, self._server.gui
+        motion = shown.motion
+        gui.configure_theme(dark_mode=False, show_logo=False, show_share_button=False)
+        self._says = gui.add_text("Frame", "", disabled=True)
+        self._slider = gui.add_slider("Position", 0, max(len(motion) - 1, 1), 1, 0)
+        self._play = gui.add_checkbox("Play", False)
+        self._speed = gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0)
+        self._slider.on_update(lambda _: self.go(self._slider.value))
+        self._eye = gui.add_dropdown("Look through", (_FREE, *shown.camera_names), initial_value=_FREE)
+        self._eye.on_update(lambda _: self._look())
+        self._opacity = gui.add_slider("Overlay opacity", 0.0, 1.0, 0.05, 0.8)
+        self._with_mesh = gui.add_checkbox("Mesh", True)
+        self._with_bones = gui.add_checkbox("Skeleton", True)
+        self._with_cameras = gui.add_checkbox("Cameras", True)
+        self._with_images = gui.add_checkbox("Images", shown.capture is not None, disabled=shown.capture is None)
+        self._with_truth = gui.add_checkbox("Truth", self._truth is not None, disabled=self._truth is None)
+        absent = shown.other is None
+        self._with_other = gui.add_checkbox("Second result", not absent, disabled=absent)
+        self._beside = gui.add_checkbox("Side by side", False, disabled=absent)
+        toggles = (self._opacity, self._with_mesh, self._with_bones, self._with_cameras, self._with_images)
+        for toggle in (*toggles, self._with_truth, self._with_other, self._beside):
+            toggle.on_update(lambda _: self._redraw())
+        self._plots = []
+        relative = {name: values / max(float(np.nanmedian(np.abs(values))), 1e-9) for name, values in _known(motion)}
+        if relative:
+            self._add_plot("Energy by term, over its median", relative)
+        self._add_plot("Confidence, mean over joints", {"confidence": motion.confidence.mean(axis=1)})
+
+    def _add_plot(self, title: str, curves: dict[str, np.ndarray]) -> None:
+        x = self.shown.motion.frames.astype(np.float64)
+        series: list[dict[str, Any]] = [{"label": "frame"}]
+        for number, name in enumerate(curves):
+            series.append({"label": name, "stroke": _CURVES[number % len(_CURVES)], "width": 1.5})
+        series.append({"label": "now", "stroke": "#888888", "width": 1})
+        values = [_filled(np.asarray(curve, np.float64)) for curve in curves.values()]
+        data = (x, *values, np.zeros(len(x)))
+        with self._server.gui.add_folder(title):
+            plot = self._server.gui.add_uplot(
+                data, tuple(series), scales={"x": {"time": False}}, legend={"show": len(curves) > 1}, aspect=1.8
+            )  # fmt: skip
+        self._plots.append((plot, x, values))
+
+    # What happens -------------------------------------------------------------------------------------------------
+
+    def _redraw(self) -> None:
+        with self._lock:
+            self._draw()
+
+    def _draw(self) -> None:
+        shown, index = self.shown, self.position
+        motion = shown.motion
+        status = str(motion.status[index])
+        opacity = float(self._opacity.value)
+        with self._server.atomic():
+            self._says.value = f"{motion.frames[index]}, {motion.timestamps[index]:.2f} s, {status}"
+            self._mesh.vertices = motion.vertices(index)
+            self._mesh.color = _STATUS_COLOURS[status]
+            self._mesh.opacity = None if opacity >= 1 else opacity
+            self._mesh.visible = self._with_mesh.value and opacity > 0
+            self._bones.points = shown.bones(motion, index)
+            self._bones.visible = self._with_bones.value
+            self._draw_other(opacity)
+            if self._truth is not None and shown.truth is not None:
+                points = shown.truth[index]
+                points = points[np.isfinite(points).all(axis=1)].astype(np.float32)
+                self._truth.visible = self._with_truth.value and len(points) > 0
+                if len(points):
+                    self._truth.points = points
+            self._cameras.draw(index, self._view_index(), self._with_cameras.value, self._with_images.value)
+            for plot, x, values in self._plots:
+                now = np.full(len(x), np.min(values))
+                now[index] = np.max(values)  # a spike where the slider is
+                plot.data = (x, *values, now)
+        self._server.flush()
+
+    def _draw_other(self, opacity: float) -> None:
+        if self._other_mesh is None or self._other_bones is None or self.shown.other is None:
+            return
+        place = self.shown.other_at(self.position)
+        there = place is not None and self._with_other.value
+        self._other_mesh.visible = there and self._with_mesh.value and opacity > 0
+        self._other_bones.visible = there and self._with_bones.value
+        if place is None:
+            return
+        self._other_mesh.vertices = self.shown.other.vertices(place)
+        self._other_mesh.opacity = None if opacity >= 1 else opacity
+        self._other_bones.points = self.shown.bones(self.shown.other, place)
+        for handle in (self._other_mesh, self._other_bones):
+            handle.position = self._aside() if self._beside.value else (0.0, 0.0, 0.0)
+
+    def _aside(self) -> tuple[float, float, float]:
+        """1.5 metres to the right as the first camera sees it."""
+        cameras = self.shown.motion.cameras
+        right = (1.0, 0.0, 0.0) if cameras is None else np.asarray(cameras.cam_from_world[0, 0, 0, :3], float)
+        x, y, z = (1.5 * float(value) for value in right)
+        return x, y, z
+
+    def _look(self) -> None:
+        self._redraw()
+        for client in self._server.get_clients().values():
+            self._cameras.lead(client, self.position, self._view_index())
+
+    def _view_index(self) -> int | None:
+        return None if self._eye.value == _FREE else self.shown.camera_names.index(self._eye.value)
+
+    def _play_along(self) -> None:
+        times = self.shown.motion.timestamps
+        while not self._stopped.wait(0.01):
+            if not self._play.value or len(times) < 2:
+                continue
+            begin, here = time.perf_counter(), self.position
+            after = (here + 1) % len(times)
+            self.go(after)
+            due = (times[after] - times[here] if after else 0.5) / float(self._speed.value)
+            self._stopped.wait(max(due - (time.perf_counter() - begin), 0.001))
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """Gaps bridged by straight lines: the plots of the page go blank over a NaN."""
+    known = np.isfinite(values)
+    places = np.arange(len(values))
+    return np.interp(places, places[known], values[known])
+
+
+def _known(motion: Motion) -> list[tuple[str, np.ndarray]]:
+    return [(name, values) for name, values in motion.energy.items() if np.isfinite(values).any()]

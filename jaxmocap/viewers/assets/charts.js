@@ -1,0 +1,164 @@
+// Curves over time. All share the cursor; a gap in a curve is a value that was not computed.
+const PALETTE = ["--c0", "--c1", "--c2", "--c3", "--c4", "--c5", "--c6"];
+const MARGIN = { left: 42, right: 8, top: 6, bottom: 20 };
+const SVG = "http://www.w3.org/2000/svg";
+
+function svg(name, attributes, parent) {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  if (parent) parent.append(made);
+  return made;
+}
+
+function niceStep(span, about) {
+  const raw = span / about;
+  const power = 10 ** Math.floor(Math.log10(raw));
+  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= raw);
+}
+
+function written(value, step) {
+  return value.toFixed(Math.max(0, Math.min(4, -Math.floor(Math.log10(step)))));
+}
+
+function stroke(one, index) {
+  return `var(${PALETTE[(one.colour ?? index) % PALETTE.length]})`;
+}
+
+// `series`: [{name, values, colour}], `lines`: horizontal dashed lines [{value, name}], `range`: [low, high] or null.
+function chart(host, { series, lines = [], range = null, height = 170 }) {
+  const known = [...series.flatMap((one) => one.values), ...lines.map((line) => line.value)].filter((v) => v !== null);
+  if (!known.length) {
+    host.replaceChildren(element("p", { className: "hint", textContent: "Nothing was measured." }));
+    return;
+  }
+  let low = range ? range[0] : Infinity;
+  let high = range ? range[1] : -Infinity;
+  if (!range) {
+    for (const value of known) { low = Math.min(low, value); high = Math.max(high, value); }
+    if (low > 0 && low < 0.6 * high) low = 0;
+    if (high - low < 1e-9) { high += 0.5; low -= 0.5; }
+    else { const room = 0.05 * (high - low); high += room; if (low !== 0) low -= room; }
+  }
+  const step = niceStep(high - low, height / 42);
+  const root = svg("svg", { height, role: "img", "aria-label": series.map((one) => one.name).join(", ") });
+  const legend = element("div", { className: "legend" });
+  const readings = series.map((one, index) => {
+    const swatch = element("i");
+    swatch.style.background = stroke(one, index);
+    const reading = element("span");
+    legend.append(element("span", {}, swatch, `${one.name} `, reading));
+    return reading;
+  });
+  const box = element("div", { className: "chart" }, root);
+  host.replaceChildren(box, legend);
+  let width = 0;
+  let cursor = null;
+  const x = (position) => MARGIN.left + (count > 1 ? position / (count - 1) : 0.5) * (width - MARGIN.left - MARGIN.right);
+  const y = (value) => MARGIN.top + (high - value) / (high - low) * (height - MARGIN.top - MARGIN.bottom);
+
+  function draw() {
+    width = box.clientWidth;
+    if (!width) return;
+    root.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    root.replaceChildren();
+    paintSpans();
+    for (let value = Math.ceil(low / step) * step; value <= high + 1e-9; value += step) {
+      svg("line", { x1: MARGIN.left, x2: width - MARGIN.right, y1: y(value), y2: y(value), stroke: "var(--line)" }, root);
+      const label = svg("text", { x: MARGIN.left - 5, y: y(value) + 4, "text-anchor": "end" }, root);
+      label.textContent = written(value, step);
+    }
+    const every = Math.max(1, niceStep(Math.max(count - 1, 1), Math.max(2, Math.floor(width / 90))));
+    for (let position = 0; position < count; position += every) {
+      const label = svg("text", { x: x(position), y: height - 5, "text-anchor": "middle" }, root);
+      label.textContent = data.frames[position];
+    }
+    for (const line of lines) {
+      svg("line", { x1: MARGIN.left, x2: width - MARGIN.right, y1: y(line.value), y2: y(line.value),
+        stroke: "var(--soft)", "stroke-dasharray": "5 4" }, root);
+      svg("text", { x: width - MARGIN.right, y: y(line.value) + (line.value > (low + high) / 2 ? 13 : -4),
+        "text-anchor": "end" }, root).textContent = line.name;
+    }
+    series.forEach((one, index) => paintCurve(one.values, stroke(one, index)));
+    cursor = svg("line", { y1: MARGIN.top, y2: height - MARGIN.bottom, stroke: "var(--ink)", "stroke-width": 1 }, root);
+    move(here);
+  }
+  function paintSpans() {
+    data.status.forEach((status, position) => {
+      if (status === "ok") return;
+      svg("rect", { x: x(position - 0.5), width: Math.max(x(1) - x(0), 2), y: MARGIN.top, opacity: 0.25,
+        height: height - MARGIN.top - MARGIN.bottom, fill: `var(${COLOURS[status]})` }, root);
+    });
+  }
+  function paintCurve(values, ink) {
+    let path = "";
+    values.forEach((value, position) => {
+      if (value === null) return;
+      const begins = position === 0 || values[position - 1] === null;
+      path += `${begins ? "M" : "L"}${x(position).toFixed(1)} ${y(value).toFixed(1)}`;
+      if (begins && (position + 1 === count || values[position + 1] === null)) path += "h0.01";
+    });
+    svg("path", { d: path, fill: "none", stroke: ink, "stroke-width": 1.7, "stroke-linejoin": "round",
+      "stroke-linecap": "round" }, root);
+  }
+  function move(position) {
+    series.forEach((one, index) => {
+      const value = one.values[position];
+      readings[index].textContent = value === null ? "\u2013" : String(value);
+    });
+    if (!cursor) return;
+    cursor.setAttribute("x1", x(position));
+    cursor.setAttribute("x2", x(position));
+  }
+  const follow = (event) => {
+    const inside = event.clientX - box.getBoundingClientRect().left - MARGIN.left;
+    play(false);
+    go(inside / Math.max(width - MARGIN.left - MARGIN.right, 1) * (count - 1));
+  };
+  box.addEventListener("pointerdown", follow);
+  box.addEventListener("pointermove", (event) => { if (event.buttons === 1) follow(event); });
+  new ResizeObserver(draw).observe(box);
+  if (host.moves) listeners.splice(listeners.indexOf(host.moves), 1);
+  host.moves = move;
+  listeners.push(move);
+}
+
+// Joints by frames; the stronger the colour, the less sure.
+function heatMap(canvas, names, rows) {
+  const line = 15;
+  function draw() {
+    const width = canvas.clientWidth;
+    if (!width) return;
+    const ratio = window.devicePixelRatio || 1;
+    const height = names.length * line;
+    canvas.style.height = `${height}px`;
+    canvas.width = width * ratio;
+    canvas.height = height * ratio;
+    const context = canvas.getContext("2d");
+    context.scale(ratio, ratio);
+    context.font = "11px system-ui, sans-serif";
+    const left = 76;
+    const step = (width - left - MARGIN.right) / count;
+    const unsure = colour("--c1");
+    rows.forEach((values, row) => {
+      context.globalAlpha = 1;
+      context.fillStyle = colour("--soft");
+      context.fillText(names[row], 0, row * line + 11);
+      context.fillStyle = unsure;
+      values.forEach((value, position) => {
+        context.globalAlpha = 1 - value;
+        context.fillRect(left + position * step, row * line + 1, step + 0.4, line - 2);
+      });
+    });
+    context.globalAlpha = 1;
+    context.fillStyle = colour("--ink");
+    context.fillRect(left + (here + 0.5) * step, 0, 1, height);
+  }
+  canvas.addEventListener("pointerdown", (event) => {
+    const inside = event.clientX - canvas.getBoundingClientRect().left - 76;
+    play(false);
+    go(inside / Math.max(canvas.clientWidth - 76 - MARGIN.right, 1) * count - 0.5);
+  });
+  new ResizeObserver(draw).observe(canvas.parentElement);
+  listeners.push(draw);
+  return draw;
+}

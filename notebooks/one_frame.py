@@ -1,0 +1,62 @@
+"""One frame of the synthetic dancer as the tracker sees it: what the notebooks on energies and gradients begin with."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import mkdtemp
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxmocap as jm
+from jaxmocap.character import skin
+from jaxmocap.energies import Region, Scores, SearchEnergy, body_part, prepare_base, score_particles
+from jaxmocap.observation import FrameProblem, place_rectangle, projected_box
+from jaxmocap.synthetic import make_capture, write_capture
+
+WINDOWS = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class OneFrame:
+    """The character, the true pose of a frame that is not selected, and its `problem`: images, colours, cameras."""
+
+    character: jm.Character
+    pose: jm.Pose
+    problem: FrameProblem
+    image: np.ndarray
+
+    def scores(self, energy: SearchEnergy, group: str) -> Callable[[jax.Array], Scores]:
+        """Scores of particles (particle, dof): increments of one group, such as "l_arm", from the true pose."""
+        dofs = self.character.skeleton.group(group)
+        part = body_part(self.character, dofs)
+        region = Region(jnp.zeros((2, 2), jnp.int32), self.problem.size)
+        base = prepare_base(energy, self.character, part, self.pose, self.problem, region, WINDOWS)
+
+        def score(particles: jax.Array) -> Scores:
+            increments = jnp.zeros((len(particles), 39)).at[:, jnp.array(dofs)].set(particles)
+            return score_particles(
+                energy, self.character, part, self.pose, self.problem, region, base, increments, WINDOWS
+            )
+
+        return score
+
+
+def one_frame(frame: int = 2, size: tuple[int, int] = (320, 180)) -> OneFrame:
+    """Film three frames, learn the appearance at the selected ones (0 and 1), and look at another one."""
+    truth = make_capture(3, size, sensor_noise=0.0)
+    capture = jm.Capture.open(write_capture(truth, Path(mkdtemp()) / "capture"))
+    poses = {selected: truth.pose(selected) for selected in truth.selected_frames}
+    cameras, character = truth.cameras, truth.character
+    appearance = jm.fit_capture_appearance(capture, cameras, character, poses, key=jax.random.key(0))
+    observations = jm.observe(capture, cameras, character, appearance, poses)
+    shown = next(iter(observations.frames(frame, frame + 1)))
+    pose, view = truth.pose(frame), cameras.at(frame)
+    vertices = np.asarray(skin(character, pose))
+    boxes = [
+        projected_box(vertices, np.asarray(k), np.asarray(cam_from_world))
+        for k, cam_from_world in zip(view.intrinsics, view.cam_from_world, strict=True)
+    ]
+    rectangle = place_rectangle(np.stack(boxes), np.zeros(2), cameras.sizes)
+    return OneFrame(character, pose, observations.problem(shown, rectangle, pose), shown.images[0])

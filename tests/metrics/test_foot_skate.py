@@ -1,0 +1,73 @@
+"""Feet that slide, stand, roll and fly at known speeds."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from box_figure import box_character
+
+from jaxmocap.character import rest_pose
+from jaxmocap.metrics import foot_skate
+from jaxmocap.motion import Motion, turned
+
+CHARACTER = box_character()
+TIMES = np.array([0.0, 0.1, 0.2, 0.25, 0.4, 0.5])
+
+
+def moved(steps: np.ndarray) -> Motion:
+    """The character at rest, carried along by (frame, 3) metres."""
+    poses = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(steps), *leaf.shape)), rest_pose(CHARACTER.skeleton))
+    poses = eqx.tree_at(lambda pose: pose.root, poses, poses.root.at[:, :3, 3].set(jnp.asarray(steps)))
+    return Motion.from_poses(CHARACTER, poses, np.arange(len(steps)), TIMES[: len(steps)])
+
+
+def test_a_character_that_slides_skates_at_its_speed_whatever_the_vertical_axis():
+    motion = moved(TIMES[:, None] * [0.3, 0, 0.4])
+    for upright in (motion, turned(motion, "z")):
+        skate = foot_skate(upright)
+        assert skate.speed.shape == (5, 2)
+        np.testing.assert_allclose(skate.speed, 0.5, rtol=1e-3)
+        assert skate.summary() == pytest.approx({"mean": 0.5, "p95": 0.5}, rel=1e-3)
+
+
+def test_standing_still_is_no_skate_and_in_the_air_there_is_none():
+    still = np.zeros((6, 3))
+    assert foot_skate(moved(still)).summary() == {"mean": 0, "p95": 0}
+    leap = still.copy()
+    leap[2:4] = [[0.5, 0.3, 0], [0.6, 0.3, 0]]
+    leap[4:] = [0.6, 0, 0]
+    speed = foot_skate(moved(leap)).speed
+    np.testing.assert_allclose(speed[[0, 4]], 0, atol=1e-4)  # the leap's take-off and landing are no standing either
+    assert np.isnan(speed[1:4]).all()
+    rising = np.arange(6)[:, None] * [0.1, 0.5, 0]
+    assert foot_skate(moved(rising)).summary() == {}
+
+
+def test_a_foot_may_turn_on_its_heel():
+    motion = moved(np.zeros((6, 3)))
+    toe, heel = (motion.joint_names.index(f"l_{point}") for point in ("toe", "heel"))
+    joints = motion.joints.copy()
+    joints[:, toe, 0] += TIMES
+    turning = replace(motion, joints=joints)
+    np.testing.assert_allclose(foot_skate(turning).speed, 0, atol=1e-4)
+    joints[:, heel, 0] += 0.25 * TIMES
+    np.testing.assert_allclose(foot_skate(replace(motion, joints=joints)).speed, [[0.25, 0]] * 5, atol=1e-3)
+
+
+def test_one_frame_below_the_ground_does_not_lower_it():
+    motion = moved(np.zeros((6, 3)))
+    long = motion.joints[np.zeros(60, int)].copy()
+    long[:, :, 0] += np.arange(60)[:, None] * 0.01
+    long[30, :, 1] -= 0.5
+    poses = {name: getattr(motion, name)[np.zeros(60, int)] for name in ("root", "angles", "confidence", "status")}
+    clip = replace(motion, joints=long, frames=np.arange(60), timestamps=np.arange(60) / 10, **poses)
+    speed = foot_skate(clip).speed
+    np.testing.assert_allclose(speed, 0.1, rtol=1e-3)
+
+
+def test_a_single_frame_has_no_speed():
+    assert foot_skate(moved(np.zeros((1, 3)))).speed.shape == (0, 2)
+    assert foot_skate(moved(np.zeros((1, 3)))).summary() == {}

@@ -1,0 +1,280 @@
+"""The report page: what it says of results whose verdict is known, what it holds, and that nothing in it acts."""
+
+import base64
+import json
+import os
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from box_figure import box_character, box_motion
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import Capture
+from jaxmocap.character import angles_at_rest
+from jaxmocap.motion import Motion
+from jaxmocap.synthetic import make_capture, write_capture
+from jaxmocap.viewers import report_page, write_overlay_video
+from jaxmocap.viewers._report_pictures import report_pictures
+from jaxmocap.viewers._report_record import findings, frame_verdicts, headline
+
+CHARACTER = box_character()
+FRAMES = 12
+HOSTILE = "</script><img src=x onerror=alert(1)> & <b>"
+
+
+def cameras(names=("left", "right")) -> Cameras:
+    facing = np.diag([1.0, -1, -1, 1])
+    facing[:3, 3] = 0, 1, 4
+    return Cameras(
+        names=names,
+        sizes=((120, 80),) * len(names),
+        intrinsics=jnp.tile(jnp.asarray([[100.0, 0, 60], [0, 100, 40], [0, 0, 1]]), (len(names), 1, 1)),
+        distortion=jnp.zeros((len(names), 5)),
+        cam_from_world=jnp.asarray(np.broadcast_to(facing, (len(names), FRAMES, 4, 4))),
+    )
+
+
+def judged(**fields) -> Motion:
+    """Frames 4 and 5 doubtful, 6 passed over, 9 lost; the left arm lost in 1 and 2."""
+    status = np.full(FRAMES, "ok", dtype="<U8")
+    status[[4, 5, 6]], status[9] = "doubtful", "lost"
+    energy = np.linspace(0.1, 0.3, FRAMES)
+    energy[6] = np.nan
+    confidence = np.full((FRAMES, len(CHARACTER.skeleton.landmark_names)), 0.9)
+    confidence[6], confidence[9] = 0, 0.1
+    lost = [
+        {"part": "left arm", "first": 1, "last": 2, "why": "no view shows it"},
+        {"part": "body", "first": 9, "last": 9, "why": "the body's pixels look like the background"},
+    ]
+    fields = {"provenance": {"lost": lost, "capture_name": "yard"}, "cameras": cameras(), **fields}
+    return box_motion(CHARACTER, FRAMES, confidence=confidence, status=status, energy={"model_view": energy}, **fields)
+
+
+def grey_videos(folder: Path, names=("left", "right"), frames: int = FRAMES) -> None:
+    """Overlay videos whose frame t is grey, 10 t + 40 in the first view and 10 t + 60 in the second."""
+    for view, name in enumerate(names):
+        images = [np.full((80, 120, 3), 10 * t + 40 + 20 * view, np.uint8) for t in range(frames)]
+        write_overlay_video(folder / f"overlay_{name}.mp4", [(t / 30, image) for t, image in enumerate(images)])
+
+
+@pytest.fixture
+def result(tmp_path) -> Path:
+    folder = judged().save(tmp_path / "result")
+    grey_videos(folder)
+    return folder
+
+
+def data_of(page: Path) -> dict:
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page.read_text())[1])
+
+
+def picture(uri: str) -> np.ndarray:
+    kind, text = uri.split(",", 1)
+    assert kind == "data:image/webp;base64"
+    return cv2.imdecode(np.frombuffer(base64.b64decode(text), np.uint8), cv2.IMREAD_COLOR)
+
+
+class Parsed(HTMLParser):
+    """Tags with their attributes, and all text outside scripts and styles."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.tags, self.text, self._inside = [], "", []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self._inside.append(tag)
+
+    def handle_endtag(self, tag):
+        while self._inside and self._inside.pop() != tag:
+            pass
+
+    def handle_data(self, data):
+        if not {"script", "style"} & set(self._inside):
+            self.text += data
+
+
+# The verdict ------------------------------------------------------------------------------------------------------
+
+
+def test_the_verdict_counts_frames_that_are_ok_and_have_every_limb():
+    motion = judged()
+    assert headline(motion) == "6 of 12 frames can be trusted. In 2 more a limb is lost."
+    assert (
+        frame_verdicts(motion) == ["ok"] * 4 + ["doubtful"] * 2 + ["passed over"] + ["ok"] * 2 + ["lost"] + ["ok"] * 2
+    )
+    assert headline(motion[10:]) == "All 2 frames can be trusted."
+    assert headline(motion[10:11]) == "The only frame can be trusted."
+
+
+def test_findings_name_frames_and_reasons_the_worst_first():
+    told = [(one["kind"], one["text"], one["frames"]) for one in findings(judged())]
+    assert [kind for kind, _, _ in told] == ["lost", "passed over", "doubtful", "lost", "note"]
+    assert told[0] == ("lost", "Lost: frame 9: the body's pixels look like the background.", [9])
+    assert told[1][1].startswith("Passed over: frame 6: a flash")
+    assert told[2][1].startswith("Doubtful: frames 4-5: ")
+    assert told[2][2] == [4]
+    assert told[3] == ("lost", "The left arm is lost in frames 1-2: no view shows it.", [1])
+    assert 9 in told[4][2]
+    assert 6 not in told[4][2]  # it was not looked at, so there is nothing to see
+
+
+def test_a_clip_that_nobody_tracked_has_no_verdict():
+    clip = box_motion(CHARACTER, 3)
+    assert "not tracked" in headline(clip)
+    assert findings(clip) == []
+
+
+def test_a_doubtful_mask_is_named_by_the_frame_of_the_first_video():
+    fit = {"iou": [0.9, None], "keypoint_rms_m": 0.02, "masks": {"left": {"source": "found", "confidence": 0.3}}}
+    told = {"lost": [], "registration": {"2": fit}, "selected_frames": {"frames": [7], "source": "chosen"}}
+    found = [one for one in findings(judged(provenance=told)) if "mask" in one["text"]]
+    assert found[0]["frames"] == [7]
+    assert "left at selected frame 7 was found with confidence 0.30" in found[0]["text"]
+
+
+# The file ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_page_stands_alone(result):
+    page = report_page(result)
+    assert page == result / "report.html"
+    text = page.read_text()
+    parsed = Parsed(text)
+    assert not [attrs for _, attrs in parsed.tags if "src" in attrs or "href" in attrs]
+    assert "link" not in dict(parsed.tags)
+    assert set(re.findall(r"https?://[^\s\"'<]+", text)) == {"http://www.w3.org/2000/svg"}
+    policy = next(attrs["content"] for tag, attrs in parsed.tags if "http-equiv" in attrs)
+    assert policy.startswith("default-src 'none'; img-src data:;")
+    assert ("meta", {"name": "viewport", "content": "width=device-width, initial-scale=1"}) in parsed.tags
+    assert "6 of 12 frames can be trusted" in parsed.text
+
+
+def test_names_with_html_in_them_are_text(tmp_path):
+    told = {"lost": [{"part": HOSTILE, "first": 1, "last": 1, "why": HOSTILE}], "capture_name": HOSTILE}
+    told["versions"] = told["settings"] = {HOSTILE: HOSTILE}
+    motion = judged(provenance=told, cameras=cameras((HOSTILE.replace("/", ""), "b")))
+    page = report_page(motion.save(tmp_path / "result"))
+    parsed = Parsed(page.read_text())
+    assert parsed.text.count(HOSTILE) == 4  # the title twice, a part, its reason
+    assert "img" not in [tag for tag, _ in parsed.tags]
+    assert [tag for tag, _ in parsed.tags].count("script") == 2
+    data = data_of(page)
+    assert [HOSTILE, HOSTILE] in [row for table in data["tables"] for row in table["rows"]]
+
+
+def test_the_numbers_are_those_of_the_motion(result):
+    motion, data = Motion.load(result), data_of(report_page(result))
+    skeleton = motion.character.skeleton
+    dof = skeleton.dof_names.index("l_elbow_flex") - 6
+    angle = data["angles"][dof]
+    rest = angles_at_rest(skeleton)[dof]
+    assert angle["name"] == "l_elbow_flex"
+    np.testing.assert_allclose(angle["values"], np.degrees(motion.angles[:, dof] + rest), atol=0.06)
+    assert (angle["lower"], angle["upper"]) == (-5, 150)  # the table in docs/conventions.md
+    assert angle["at_limit"] == np.sum(np.degrees(motion.angles[:, dof] + rest) < -4)
+    assert data["energy"]["model_view"][6] is None
+    assert data["energy"]["model_view"][11] == 0.3
+    assert data["frames"] == list(range(FRAMES))
+    assert data["confidence"]["values"][0][9] == 0.1
+    assert data["jitter"]["values"][0] is None
+    assert len(data["skate"]["left"]) == FRAMES
+
+
+def test_timings_are_summed_by_stage_and_by_frame(result):
+    verdicts = [{"frame": frame, "seconds": {"flow": 0.5, "search": 1.0 + frame}} for frame in range(FRAMES)]
+    (result / "report.json").write_text(json.dumps({"verdicts": verdicts}))
+    timings = data_of(report_page(result))["timings"]
+    assert timings["stages"] == [["search", 78.0], ["flow", 6.0]]
+    assert timings["frames"] == [1.5 + frame for frame in range(FRAMES)]
+    (result / "report.json").write_text("not JSON")
+    assert data_of(report_page(result))["timings"]["stages"] == []
+
+
+def test_writing_again_replaces_the_page_and_leaves_nothing_else(result):
+    before = set(os.listdir(result))
+    report_page(result).write_text("old")
+    assert report_page(result).stat().st_size > 1000
+    assert set(os.listdir(result)) == before | {"report.html"}
+
+
+def test_what_is_no_result_is_refused(tmp_path):
+    with pytest.raises(InputError, match="is not a result"):
+        report_page(tmp_path)
+    with pytest.raises(InputError, match="is not a folder"):
+        report_page(tmp_path / "nowhere")
+
+
+# The pictures -----------------------------------------------------------------------------------------------------
+
+
+def test_pictures_are_the_frames_of_the_overlay_videos(result):
+    data = data_of(report_page(result))
+    assert data["views"] == ["left", "right"]
+    assert data["positions"] == list(range(FRAMES))
+    for view in (0, 1):
+        for position in (0, 5, 11):
+            shown = picture(data["pictures"][view][position])
+            assert shown.shape == (80, 120, 3)
+            assert abs(float(shown.mean()) - (10 * position + 40 + 20 * view)) < 4
+
+
+def test_pictures_fit_into_their_budget_by_leaving_frames_out(result):
+    motion = Motion.load(result)
+    whole = report_pictures(result, motion, None)
+    size = sum(len(uri) for view in whole.pictures for uri in view)
+    half = report_pictures(result, motion, None, budget=size // 3)
+    assert half.positions == tuple(range(0, FRAMES, half.positions[1]))
+    assert half.positions[1] > 1
+    assert abs(float(picture(half.pictures[1][1]).mean()) - (10 * half.positions[1] + 60)) < 4
+
+
+def test_large_pictures_are_made_smaller(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 255, (450, 800, 3), np.uint8)
+    write_overlay_video(tmp_path / "overlay_left.mp4", [(t / 30, noise) for t in range(FRAMES)])
+    motion = judged(cameras=cameras(("left",)))
+    tight = report_pictures(tmp_path, motion, None, budget=400_000)
+    assert picture(tight.pictures[0][0]).shape[1] < 800
+    assert sum(len(uri) for uri in tight.pictures[0]) * 3 / 4 < 1.2 * 400_000
+
+
+def test_a_result_without_videos_or_cameras_says_why_it_has_no_pictures(tmp_path):
+    said = []
+    page = report_page(judged().save(tmp_path / "one"), say=said.append)
+    assert "there is no overlay_left.mp4 with 12 frames, and no capture to draw them from" in said[0]
+    assert "No pictures: there is no overlay_left.mp4" in Parsed(page.read_text()).text
+    gone = {"lost": [], "capture": str(tmp_path / "gone")}
+    assert "gone" in Parsed(report_page(judged(provenance=gone).save(tmp_path / "two")).read_text()).text
+    blind = replace(judged(), cameras=None)
+    assert "no cameras" in Parsed(report_page(blind.save(tmp_path / "three")).read_text()).text
+
+
+def test_a_video_of_another_length_is_not_taken_for_the_motions(result):
+    (result / "overlay_left.mp4").unlink()
+    grey_videos(result, ("left",), frames=5)
+    assert "with 12 frames" in Parsed(report_page(result).read_text()).text
+
+
+def test_without_overlay_videos_pictures_are_drawn_over_the_capture(tmp_path):
+    shown = make_capture(4, (160, 90))
+    folder = write_capture(shown, tmp_path / "capture")
+    motion = Motion.from_poses(
+        shown.character, shown.poses, np.arange(4), shown.timestamps, cameras=shown.cameras,
+        provenance={"capture": str(folder), "lost": []},
+    )[1:]  # fmt: skip
+    result = motion.save(tmp_path / "result")
+    for given in (None, Capture.open(folder)):
+        data = data_of(report_page(result, capture=given))
+        person = shown.masks[2][1]
+        drawn = picture(data["pictures"][1][1])[..., ::-1].astype(float)
+        plain = shown.images[2][1].astype(float)
+        changed = np.abs(drawn - plain).mean(-1)
+        assert changed[person].mean() > 3 * changed[~person].mean()
