@@ -21,8 +21,8 @@ from ._fit_character import fit_character
 from ._read_motion import read_motion
 from ._refine_cameras import refine_cameras
 from ._register import register
-from ._rig import rig
 from ._report_page import report_page
+from ._rig import rig
 from ._segment import segment
 from ._sync import sync
 from ._track import track
