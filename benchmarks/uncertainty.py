@@ -29,7 +29,8 @@ def main() -> int:
     for folder in options.results:
         motion = Motion.load(folder)
         truth, evaluated = Truth.read(motion.provenance["truth"]).at(motion)
-        if truth.joints is None or evaluated.covariance is None:
+        spread = evaluated.joint_deviations
+        if truth.joints is None or spread is None:
             raise SystemExit(f"{folder} has no uncertainty, or its truth no joints.")
         errors = joint_errors(evaluated, truth.joints, truth.joint_names)
         deviations = np.asarray(errors.deviations)[np.isfinite(errors.raw)]
@@ -42,7 +43,6 @@ def main() -> int:
         figures.append(record(f"{name}: 95th percentile", float(np.percentile(deviations, 95)), "deviations", 0.2))
         factor = float(np.percentile(deviations, 90) / np.sqrt(chi2.ppf(0.9, 3)))
         figures.append(record(f"{name}: factor that makes the 90% region right", factor, "", 0.2))
-        spread = np.sqrt(np.trace(evaluated.covariance, axis1=2, axis2=3) / 3)
         figures.append(record(f"{name}: median deviation along one axis", float(100 * np.median(spread)), "cm", 0.2))
     return finish(figures, options)
 

@@ -23,12 +23,12 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     import ezc3d
 
     confidence = np.where((motion.status == "lost")[:, None], 0.0, motion.confidence.astype(np.float64))
-    if motion.covariance is None:
+    deviations = motion.joint_deviations
+    if deviations is None:
         step, metres = 0.0005, RESIDUAL_AT_ZERO * (1 - confidence)
         note = f"residual = {RESIDUAL_AT_ZERO:g} m * (1 - confidence)"
     else:
-        variance = np.trace(motion.covariance.astype(np.float64), axis1=2, axis2=3) / 3
-        step, metres = 0.002, np.sqrt(np.maximum(variance, 0))
+        step, metres = 0.002, deviations
         note = "residual = standard deviation of the place along one axis"
     residuals = np.where(confidence > 0, form.per_metre * np.minimum(metres + step / 2, step * _STEPS), -1.0)
     file = ezc3d.c3d()

@@ -148,6 +148,14 @@ class Motion:
         return np.asarray(_transforms(self.character.skeleton, self.poses))
 
     @property
+    def joint_deviations(self) -> Float[np.ndarray, "frame joint"] | None:
+        """Standard deviation of each joint's place along one axis, metres: the root of the mean over the three. None
+        where the covariance is not known."""
+        if self.covariance is None:
+            return None
+        return np.sqrt(np.maximum(np.trace(self.covariance.astype(np.float64), axis1=2, axis2=3), 0) / 3)
+
+    @property
     def seconds_per_interval(self) -> float:
         """Median time between two frames, seconds; 0 for a single frame."""
         return float(np.median(np.diff(self.timestamps))) if len(self) > 1 else 0.0

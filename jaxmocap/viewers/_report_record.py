@@ -83,6 +83,7 @@ def report_record(motion: Motion, report: Mapping[str, Any]) -> dict[str, Any]:
             "values": [_rounded(motion.confidence[:, joint], 2) for joint in joints],
             "mean": _rounded(motion.confidence.mean(axis=1), 3),
         },
+        "uncertainty": _uncertainty(motion),
         "angles": _angles(motion),
         "jitter": {
             "values": _rounded(np.concatenate([[np.nan], inner, [np.nan]])[: len(motion)], 2),
@@ -142,6 +143,18 @@ def _doubtful_masks(motion: Motion) -> list[dict[str, Any]]:
                 text += f"{mask['confidence']:.2f}: look at it, for colours are learnt there."
                 found.append(_finding("doubtful", text, [frame]))
     return found
+
+
+def _uncertainty(motion: Motion) -> dict[str, Any] | None:
+    """Standard deviations in centimetres: mean over the joints, and each wrist and ankle, which err most."""
+    deviations = motion.joint_deviations
+    if deviations is None:
+        return None
+    names = [f"{side}_{end}" for end in ("wrist", "ankle") for side in "lr"]
+    curves = {name: 100 * deviations[:, motion.joint_names.index(name)] for name in names}
+    joints = [motion.joint_names.index(joint) for joint in JOINTS]
+    mean = 100 * deviations[:, joints].mean(axis=1)
+    return {name: _rounded(values, 2) for name, values in {"mean over joints": mean, **curves}.items()}
 
 
 def _angles(motion: Motion) -> list[dict[str, Any]]:

@@ -153,6 +153,9 @@ class ResultViewer:
         if relative:
             self._add_plot("Energy by term, over its median", relative)
         self._add_plot("Confidence, mean over joints", {"confidence": motion.confidence.mean(axis=1)})
+        deviations = motion.joint_deviations
+        if deviations is not None:
+            self._add_plot("Uncertainty, mean over joints, cm", {"deviation": 100 * deviations.mean(axis=1)})
 
     def _add_plot(self, title: str, curves: dict[str, np.ndarray]) -> None:
         x = self.shown.motion.frames.astype(np.float64)

@@ -187,6 +187,19 @@ def test_the_numbers_are_those_of_the_motion(result):
     assert data["confidence"]["values"][0][9] == 0.1
     assert data["jitter"]["values"][0] is None
     assert len(data["skate"]["left"]) == FRAMES
+    assert data["uncertainty"] is None
+
+
+def test_the_uncertainty_is_in_centimetres_along_one_axis(tmp_path):
+    motion = judged()
+    covariance = np.zeros((*motion.joints.shape, 3)) + np.diag([1e-4, 4e-4, 4e-4])
+    covariance[3, motion.joint_names.index("l_wrist")] *= 4
+    data = data_of(report_page(replace(motion, covariance=covariance).save(tmp_path / "result")))
+    expected = np.full(FRAMES, np.sqrt(3))
+    np.testing.assert_allclose(data["uncertainty"]["r_wrist"], expected, atol=0.006)
+    expected[3] *= 2
+    np.testing.assert_allclose(data["uncertainty"]["l_wrist"], expected, atol=0.006)
+    assert next(iter(data["uncertainty"])) == "mean over joints"
 
 
 def test_timings_are_summed_by_stage_and_by_frame(result):

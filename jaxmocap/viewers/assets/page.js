@@ -68,6 +68,10 @@ buildBar();
 paintStrip();
 chart(host("confidence"), { series: [{ name: "mean over joints", values: data.confidence.mean }], range: [0, 1], height: 120 });
 const paintHeat = heatMap(host("heat"), data.confidence.names, data.confidence.values);
+host("uncertainty-section").hidden = !data.uncertainty;
+if (data.uncertainty) {
+  chart(host("uncertainty"), { series: Object.entries(data.uncertainty).map(([name, values]) => ({ name, values })) });
+}
 showEnergies();
 showAngles();
 const sides = ["left", "right"].map((name) => ({ name, values: data.skate[name] }));
