@@ -16,6 +16,7 @@ PASSED_OVER = "passed over"
 _AT_LIMIT = np.radians(1.0)
 _DOUBTFUL_MASK = 0.5
 _LOOK_FIRST = 3
+_MOST_RUNS = 8  # runs of frames that a sentence names
 _WHY = {
     "lost": "nothing found there explains the pixels, or it moves too fast",
     "doubtful": "the covered pixels do not look like the person, part of the person stays uncovered, or the body moves "
@@ -57,10 +58,11 @@ def findings(motion: Motion) -> list[dict[str, Any]]:
         if frames:
             why = "; ".join(reasons) if kind == "lost" and reasons else _WHY[kind]
             found.append(_finding(kind, f"{kind.capitalize()}: {_frames(frames)}: {why}.", _starts(frames)))
+    limbs: dict[tuple[str, str], list[int]] = {}
     for span in _limb_spans(motion):
-        frames = [frame for frame in motion.frames.tolist() if span["first"] <= frame <= span["last"]]
-        sentence = f"The {span['part']} is lost in {_frames(frames or [span['first']])}: {span['why']}."
-        found.append(_finding("lost", sentence, frames[:1]))
+        limbs.setdefault((span["part"], span["why"]), []).extend(range(span["first"], span["last"] + 1))
+    for (part, why), frames in limbs.items():
+        found.append(_finding("lost", f"The {part} is lost in {_frames(frames)}: {why}.", _starts(frames)))
     found += _doubtful_masks(motion)
     if motion.energy:
         first = motion.frames[_least_sure(motion, verdicts != PASSED_OVER)].tolist()
@@ -224,12 +226,15 @@ def _finding(kind: str, text: str, frames: Sequence[int]) -> dict[str, Any]:
 
 
 def _frames(frames: Sequence[int]) -> str:
-    return f"frame{'s' * (len(frames) > 1)} {ranges(list(frames))}"
+    runs = ranges(list(frames)).split(", ")
+    more = f" and {len(runs) - _MOST_RUNS} places more" if len(runs) > _MOST_RUNS + 2 else ""
+    return f"frame{'s' * (len(frames) > 1)} {', '.join(runs[:_MOST_RUNS] if more else runs)}{more}"
 
 
 def _starts(frames: Sequence[int]) -> list[int]:
     """The first frame of each run, a handful of them."""
-    return [frame for frame in frames if frame - 1 not in set(frames)][:8]
+    known = set(frames)
+    return [frame for frame in sorted(known) if frame - 1 not in known][:_MOST_RUNS]
 
 
 def _rounded(values: np.ndarray, digits: int) -> list[float | None]:

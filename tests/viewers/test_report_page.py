@@ -127,6 +127,17 @@ def test_findings_name_frames_and_reasons_the_worst_first():
     assert 6 not in told[4][2]  # it was not looked at, so there is nothing to see
 
 
+def test_spans_of_a_limb_are_told_together_and_not_without_end():
+    spans = [{"part": "left leg", "first": f, "last": f, "why": "it leaves its way"} for f in (1, 3, 8)]
+    found = [one for one in findings(judged(provenance={"lost": spans})) if "leg" in one["text"]]
+    assert [one["text"] for one in found] == ["The left leg is lost in frames 1, 3, 8: it leaves its way."]
+    assert found[0]["frames"] == [1, 3, 8]
+    status = np.where(np.arange(60) % 2, "ok", "doubtful")
+    told = findings(box_motion(CHARACTER, 60, status=status, energy={"model_view": np.ones(60)}))[0]
+    assert told["text"].startswith("Doubtful: frames 0, 2, 4, 6, 8, 10, 12, 14 and 22 places more: ")
+    assert told["frames"] == [0, 2, 4, 6, 8, 10, 12, 14]
+
+
 def test_a_clip_that_nobody_tracked_has_no_verdict():
     clip = box_motion(CHARACTER, 3)
     assert "not tracked" in headline(clip)

@@ -24,6 +24,14 @@ function stroke(one, index) {
   return `var(${PALETTE[(one.colour ?? index) % PALETTE.length]})`;
 }
 
+// Runs of frames that are not ok: [status, first, last].
+const spans = [];
+data.status.forEach((status, position) => {
+  const last = spans.at(-1);
+  if (last && last[0] === status && last[2] === position - 1) last[2] = position;
+  else if (status !== "ok") spans.push([status, position, position]);
+});
+
 // `series`: [{name, values, colour}], `lines`: horizontal dashed lines [{value, name}], `range`: [low, high] or null.
 function chart(host, { series, lines = [], range = null, height = 170 }) {
   const known = [...series.flatMap((one) => one.values), ...lines.map((line) => line.value)].filter((v) => v !== null);
@@ -39,7 +47,7 @@ function chart(host, { series, lines = [], range = null, height = 170 }) {
     if (high - low < 1e-9) { high += 0.5; low -= 0.5; }
     else { const room = 0.05 * (high - low); high += room; if (low !== 0) low -= room; }
   }
-  const step = niceStep(high - low, height / 42);
+  const step = niceStep(high - low, height / 34);
   const root = svg("svg", { height, role: "img", "aria-label": series.map((one) => one.name).join(", ") });
   const legend = element("div", { className: "legend" });
   const readings = series.map((one, index) => {
@@ -83,11 +91,10 @@ function chart(host, { series, lines = [], range = null, height = 170 }) {
     move(here);
   }
   function paintSpans() {
-    data.status.forEach((status, position) => {
-      if (status === "ok") return;
-      svg("rect", { x: x(position - 0.5), width: Math.max(x(1) - x(0), 2), y: MARGIN.top, opacity: 0.25,
+    for (const [status, first, last] of spans) {
+      svg("rect", { x: x(first - 0.5), width: Math.max(x(last + 0.5) - x(first - 0.5), 2), y: MARGIN.top, opacity: 0.25,
         height: height - MARGIN.top - MARGIN.bottom, fill: `var(${COLOURS[status]})` }, root);
-    });
+    }
   }
   function paintCurve(values, ink) {
     let path = "";
@@ -122,43 +129,52 @@ function chart(host, { series, lines = [], range = null, height = 170 }) {
   listeners.push(move);
 }
 
-// Joints by frames; the stronger the colour, the less sure.
+// Joints by frames; the stronger the colour, the less sure. The cells are painted once, the cursor at every step.
 function heatMap(canvas, names, rows) {
   const line = 15;
-  function draw() {
+  const left = 76;
+  const cells = document.createElement("canvas");
+  function paint() {
     const width = canvas.clientWidth;
     if (!width) return;
     const ratio = window.devicePixelRatio || 1;
     const height = names.length * line;
     canvas.style.height = `${height}px`;
-    canvas.width = width * ratio;
-    canvas.height = height * ratio;
-    const context = canvas.getContext("2d");
+    for (const sheet of [canvas, cells]) {
+      sheet.width = width * ratio;
+      sheet.height = height * ratio;
+    }
+    const context = cells.getContext("2d");
     context.scale(ratio, ratio);
     context.font = "11px system-ui, sans-serif";
-    const left = 76;
     const step = (width - left - MARGIN.right) / count;
-    const unsure = colour("--c1");
     rows.forEach((values, row) => {
       context.globalAlpha = 1;
       context.fillStyle = colour("--soft");
       context.fillText(names[row], 0, row * line + 11);
-      context.fillStyle = unsure;
+      context.fillStyle = colour("--c1");
       values.forEach((value, position) => {
         context.globalAlpha = 1 - value;
         context.fillRect(left + position * step, row * line + 1, step + 0.4, line - 2);
       });
     });
-    context.globalAlpha = 1;
+    move();
+  }
+  function move() {
+    const context = canvas.getContext("2d");
+    context.clearRect(0, 0, canvas.width, canvas.height);
+    if (cells.width) context.drawImage(cells, 0, 0);
+    const ratio = window.devicePixelRatio || 1;
+    const place = left + (here + 0.5) * (canvas.clientWidth - left - MARGIN.right) / count;
     context.fillStyle = colour("--ink");
-    context.fillRect(left + (here + 0.5) * step, 0, 1, height);
+    context.fillRect(place * ratio, 0, ratio, canvas.height);
   }
   canvas.addEventListener("pointerdown", (event) => {
-    const inside = event.clientX - canvas.getBoundingClientRect().left - 76;
+    const inside = event.clientX - canvas.getBoundingClientRect().left - left;
     play(false);
-    go(inside / Math.max(canvas.clientWidth - 76 - MARGIN.right, 1) * count - 0.5);
+    go(inside / Math.max(canvas.clientWidth - left - MARGIN.right, 1) * count - 0.5);
   });
-  new ResizeObserver(draw).observe(canvas.parentElement);
-  listeners.push(draw);
-  return draw;
+  new ResizeObserver(paint).observe(canvas.parentElement);
+  listeners.push(move);
+  return paint;
 }
