@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from ._arguments import Json
-from ._output import show
+from ._output import say, show
 
 
 def read_motion(
@@ -48,12 +48,12 @@ def read_motion(
     json: Json = False,
 ) -> int:
     """Read a clip as a motion of a character, for evaluate and export."""
-    from jaxmocap.character import Character
     from jaxmocap.importers import read_motion
     from jaxmocap.motion import claim_output
+    from jaxmocap.rigging import open_actor
 
     with claim_output(out) as staging:
-        character = None if actor is None else Character.load(actor)
+        character = None if actor is None else open_actor(actor, say)
         motion = read_motion(clip, character, mapping=mapping, animation=animation, metres_per_unit=metres_per_unit)
         if actor is not None:
             motion = replace(motion, provenance={**motion.provenance, "actor": str(actor.resolve())})

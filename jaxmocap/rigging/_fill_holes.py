@@ -1,25 +1,40 @@
 """Closing the holes of an oriented triangle mesh."""
 
 import heapq
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 
-def fill_holes(
-    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
-) -> tuple[Int[np.ndarray, "filled 3"], int, float]:
-    """The faces and those that fill every boundary loop, by cutting its shortest ears; how many loops there are, and
-    the widest one's diameter. Neighbouring triangles must agree where outside is."""
+class Filled(NamedTuple):
+    """A mesh whose `holes` boundary loops are closed; `widest` is the largest one's diameter."""
+
+    vertices: Float[np.ndarray, "vertex 3"]
+    faces: Int[np.ndarray, "face 3"]
+    holes: int
+    widest: float
+
+
+def fill_holes(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Filled:
+    """Fill every boundary loop by cutting its shortest ears, or by a fan where that would repeat edges. Neighbouring
+    triangles must agree where outside is."""
     loops = _loops(faces)
     if not loops:
-        return faces, 0, 0.0
+        return Filled(vertices, faces, 0, 0.0)
     known = {tuple(edge) for edge in np.sort(_edges(faces), axis=1).tolist()}
     added: list[tuple[int, int, int]] = []
+    middles: list[np.ndarray] = []
     for loop in loops:
-        added += _clipped(loop, vertices, known)
+        triangles, rest = _clipped(loop, vertices, known)
+        added += triangles
+        if rest:
+            middle = len(vertices) + len(middles)
+            middles.append(vertices[rest].mean(axis=0))
+            added += [(rest[number - 1], vertex, middle) for number, vertex in enumerate(rest)]
     widest = max(float(np.linalg.norm(np.ptp(vertices[loop], axis=0))) for loop in loops)
-    return np.concatenate([faces, np.array(added, faces.dtype).reshape(-1, 3)]), len(loops), widest
+    vertices = np.concatenate([vertices, np.array(middles).reshape(-1, 3)])
+    return Filled(vertices, np.concatenate([faces, np.array(added, faces.dtype).reshape(-1, 3)]), len(loops), widest)
 
 
 def _edges(faces: np.ndarray) -> np.ndarray:
@@ -58,8 +73,11 @@ def _loops(faces: np.ndarray) -> list[list[int]]:
     return [loop for loop in loops if len(loop) >= 3]
 
 
-def _clipped(loop: list[int], vertices: np.ndarray, known: set[tuple[int, int]]) -> list[tuple[int, int, int]]:
-    """Triangles over a loop: again and again the corner with the shortest chord, if that is no edge already."""
+def _clipped(
+    loop: list[int], vertices: np.ndarray, known: set[tuple[int, int]]
+) -> tuple[list[tuple[int, int, int]], list[int]]:
+    """Triangles over a loop, again and again the corner with the shortest chord if that is no edge already, and what
+    is left of the loop."""
     before = {vertex: loop[number - 1] for number, vertex in enumerate(loop)}
     after = {vertex: loop[(number + 1) % len(loop)] for number, vertex in enumerate(loop)}
     chord = lambda v: float(np.linalg.norm(vertices[before[v]] - vertices[after[v]]))  # noqa: E731
@@ -81,8 +99,9 @@ def _clipped(loop: list[int], vertices: np.ndarray, known: set[tuple[int, int]])
         left -= 1
         for corner in (a, b):
             heapq.heappush(heap, (chord(corner), corner))
-    rest = list(before)
-    if left == 3:
-        start = rest[0]
-        triangles.append((before[start], start, after[start]))
-    return triangles
+    rest = [next(iter(before))]
+    while (vertex := after[rest[-1]]) != rest[0]:
+        rest.append(vertex)
+    if left > 3:
+        return triangles, rest
+    return [*triangles, (rest[0], rest[1], rest[2])], []

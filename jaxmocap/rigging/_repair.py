@@ -144,7 +144,7 @@ def _sound(vertices: np.ndarray, faces: np.ndarray, done: list[str]) -> tuple[np
     faces, turned = orient(vertices, faces)
     if turned:
         done.append(f"turned {turned:,} triangles to face outwards")
-    faces, holes, widest = fill_holes(vertices, faces)
+    vertices, faces, holes, widest = fill_holes(vertices, faces)
     if holes:
         across = 100 * widest / max(float(np.ptp(vertices, axis=0).max()), 1e-12)
         done.append(f"closed {holes:,} holes, the widest across {across:.1f} % of the figure's size")
