@@ -10,6 +10,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "jaxmocap"
 ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
+    ("experiments",),
     ("_pipeline", "_calibrate"),
     ("_complete", "_synchronise"),
     ("baselines",),
@@ -37,6 +38,7 @@ HOST_PACKAGES = {
     "appearance",
     "track",
     "_cli",
+    "baselines",
 }
 ARRAYS_ONLY = {"samplers", "refiners", "geometry"}
 
