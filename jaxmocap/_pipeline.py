@@ -39,7 +39,7 @@ Report = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
     found = {"python": platform.python_version()}
     for package in ("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "numpy", "opencv-python-headless", "av"):
         try:
@@ -182,7 +182,7 @@ def track_capture(
             "detections_frames": None if detections_frames is None else sorted(detections_frames),
             "settings": {name: str(value) for name, value in (settings or {}).items()},
             "seed": seed,
-            "versions": _versions(),
+            "versions": versions(),
             "device": str(jax.devices()[0]),
             "seconds": {"prepare": prepared - begin, "track": tracked - prepared},
             "selected_frames": selection,

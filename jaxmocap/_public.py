@@ -45,7 +45,9 @@ from .track import (
 )
 from .calibration import RefinedCameras as RefinedCameras, refine_cameras as refine_cameras
 from .metrics import evaluate as evaluate
+from .datasets import import_dataset as import_dataset
 from .exporters import export as export
 from .importers import read_motion as read_motion
 from .viewers import contact_sheet as contact_sheet, draw_overlay as draw_overlay, overlay_videos as overlay_videos
 from ._pipeline import track_capture as track_capture
+from .experiments import Benchmark as Benchmark, bench as bench

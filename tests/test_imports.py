@@ -13,7 +13,7 @@ ROWS = (
     ("experiments",),
     ("_pipeline", "_calibrate"),
     ("_complete", "_synchronise"),
-    ("baselines",),
+    ("baselines", "datasets"),
     ("exporters", "importers", "metrics", "viewers"),
     ("track", "calibration"),
     ("energies", "samplers", "refiners", "motion"),
@@ -39,6 +39,7 @@ HOST_PACKAGES = {
     "track",
     "_cli",
     "baselines",
+    "datasets",
 }
 ARRAYS_ONLY = {"samplers", "refiners", "geometry"}
 

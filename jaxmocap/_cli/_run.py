@@ -8,6 +8,7 @@ import tyro
 from jaxmocap._results import InputError
 from jaxmocap._runtime import prepare
 
+from ._bench import bench
 from ._calibrate import calibrate
 from ._cameras import cameras
 from ._check import check
@@ -15,6 +16,7 @@ from ._demo import demo
 from ._evaluate import evaluate
 from ._export import export
 from ._fit_character import fit_character
+from ._import_dataset import import_dataset
 from ._read_motion import read_motion
 from ._refine_cameras import refine_cameras
 from ._register import register
@@ -39,6 +41,8 @@ _COMMANDS = {
     "evaluate": evaluate,
     "export": export,
     "read-motion": read_motion,
+    "import-dataset": import_dataset,
+    "bench": bench,
 }
 _DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
 
