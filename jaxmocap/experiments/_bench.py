@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -101,12 +101,7 @@ def _trials(quick, captures, methods, frames, quality, seeds) -> list[Trial]:
         return _on_folders([Path(folder) for folder in captures], methods, frames, quality, seeds, quick)
     if frames is not None:
         raise InputError("frames were given, but the synthetic suite has its own; give captures too.")
-    trials = paper(quick, seeds)
-    if methods is not None:
-        trials = [trial for trial in trials if trial.run.method in methods]
-    if quality is not None:
-        trials = [replace(trial, run=replace(trial.run, quality=quality)) for trial in trials]
-    return trials
+    return [trial for trial in paper(quick, seeds, quality) if methods is None or trial.run.method in methods]
 
 
 def _on_folders(folders: list[Path], methods, frames, quality, seeds, quick: bool) -> list[Trial]:
@@ -120,7 +115,7 @@ def _on_folders(folders: list[Path], methods, frames, quality, seeds, quick: boo
         base = Run(
             str(folder),
             quality=quality or ("draft" if quick else "normal"),
-            inputs=Inputs(selected=tuple(capture.selected_frames or (0,))),
+            inputs=Inputs(selected=()),
             frames=frames,
         )
         trials += comparison([str(folder)], seeds or (0,), base, tuple(methods or METHODS))

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmocap._complete import with_person_masks, with_selected_frames
 from jaxmocap._pipeline import open_character, versions
 from jaxmocap._results import InputError
 from jaxmocap.appearance import Appearance
@@ -112,20 +113,20 @@ def record(run, hashed, scores, motion, results, wall, tracking, cpu) -> dict[st
 
 @lru_cache(maxsize=3)
 def _prepare(folder: Path, inputs: Inputs, seed: int) -> Prepared:
-    capture = Capture.open(folder)
-    selected = inputs.selected or capture.selected_frames or (0,)
-    beyond = [frame for frame in selected if frame >= capture.num_frames]
+    capture, key = Capture.open(folder), jax.random.key(seed)
+    beyond = [frame for frame in inputs.selected if frame >= capture.num_frames]
     if beyond:
         raise InputError(f"frame {beyond[0]} is selected, but '{capture.name}' has {capture.num_frames} frames.")
-    capture = capture.with_selected_frames(selected)
+    capture = capture.with_selected_frames(inputs.selected) if inputs.selected else with_selected_frames(capture)[0]
+    selected = capture.selected_frames or (0,)
     rng = np.random.default_rng([seed, 17])
     cameras = _shaken(capture.cameras, rng, inputs)
     character = _roughened(open_character(capture), rng, inputs.mesh_millimetres)
+    capture, _ = with_person_masks(capture, character, key=jax.random.fold_in(key, 4))
     if inputs.start == "truth":
-        key_poses = {frame: pose for frame in selected for pose in [_true_pose(capture, frame)]}
+        key_poses = {frame: _true_pose(capture, frame) for frame in selected}
     else:
-        found = register(capture, cameras, character, tuple(selected), key=jax.random.fold_in(jax.random.key(seed), 1))
-        key_poses = key_poses_of(found)
+        key_poses = key_poses_of(register(capture, cameras, character, selected, key=jax.random.fold_in(key, 1)))
     return Prepared(capture, cameras, character, key_poses, capture_hash(capture.folder))
 
 

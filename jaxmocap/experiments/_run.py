@@ -14,9 +14,10 @@ Start = Literal["registered", "truth"]
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a method is given, beyond the capture. `selected` are the frames of Gamma used, `start` where their poses
-    come from ("truth" for captures of a single camera, which cannot be registered). Noise is what is added to the
-    cameras (degrees and centimetres, one draw per camera and seed) and to the mesh (millimetres along its normals)."""
+    """What a method is given, beyond the capture. `selected` are the frames of Gamma used (none: the capture's own, or
+    chosen as `track` does), `start` where their poses come from ("truth" for captures of a single camera, which cannot
+    be registered). Noise is what is added to the cameras (degrees and centimetres, one draw per camera and seed) and to
+    the mesh (millimetres along its normals)."""
 
     selected: tuple[int, ...] = (0,)
     start: Start = "registered"
