@@ -57,7 +57,7 @@ def bench(
 
     `out` receives `runs.csv` (and `runs.parquet` where pyarrow is installed), `frames.csv`, `figures.json`,
     `report.html` and `report.md`; finished runs stay in `out/runs` and are never done again, so that the same call goes
-    on after an interruption. `quick` is the draft preset on captures of six frames, one seed, ablations on and off.
+    on after an interruption. `quick` is one seed on captures of six frames, ablations on and off.
 
     With `captures`, folders with a truth, only the comparison is done, on these and not on the synthetic suite, in
     `frames` (start, stop). `methods` are names of `jaxmocap.baselines.METHODS`, `quality` the preset. `only` is a
@@ -90,7 +90,7 @@ def bench(
         files["parquet"] = write_table(rows, out / "runs.parquet")
     files["figures"] = out / "figures.json"
     write_figures(figures, files["figures"], quick=quick)
-    notes = ["Quick: six frames per capture, one seed, the draft preset. Not for conclusions."] if quick else []
+    notes = ["Quick: six frames per capture and one seed. Not for conclusions."] if quick else []
     files["report"], files["markdown"] = write_report(rows, out, _folders(trials, out), "Evaluation", notes)
     worse = [] if gate is None else complaints(figures, Path(gate))
     return Benchmark(rows, figures, worse, files)
@@ -98,13 +98,13 @@ def bench(
 
 def _trials(quick, captures, methods, frames, quality, seeds) -> list[Trial]:
     if captures:
-        return _on_folders([Path(folder) for folder in captures], methods, frames, quality, seeds, quick)
+        return _on_folders([Path(folder) for folder in captures], methods, frames, quality, seeds)
     if frames is not None:
         raise InputError("frames were given, but the synthetic suite has its own; give captures too.")
     return [trial for trial in paper(quick, seeds, quality) if methods is None or trial.run.method in methods]
 
 
-def _on_folders(folders: list[Path], methods, frames, quality, seeds, quick: bool) -> list[Trial]:
+def _on_folders(folders: list[Path], methods, frames, quality, seeds) -> list[Trial]:
     from jaxmocap.capture import Capture
 
     trials = []
@@ -114,7 +114,7 @@ def _on_folders(folders: list[Path], methods, frames, quality, seeds, quick: boo
             raise InputError(f"capture '{capture.name}' has no truth to compare with; name one in capture.toml.")
         base = Run(
             str(folder),
-            quality=quality or ("draft" if quick else "normal"),
+            quality=quality or "normal",
             inputs=Inputs(selected=()),
             frames=frames,
         )
