@@ -22,8 +22,9 @@ _NODES = 100_000  # of one graph; larger pictures are cut at every second pixel,
 @dataclass(frozen=True)
 class SegmentAndFit(Baseline):
     """Per frame, from the pose that autoregression predicts, `iterations` times: cut the person out of every view, with
-    colour densities of the last segmentation (half) and of the selected frames, and the drawn mesh as shape prior, then
-    fit contours to the masks (`fit.rounds` of association). The paper reports 1 and 5 iterations.
+    the colour densities of the selected frames (after the first time half of them are those of the last cut) and the
+    drawn mesh as shape prior, then fit contours to the masks (`fit.rounds` of association). The paper reports 1 and 5
+    iterations.
 
     `shape` weighs the squared distance to the drawn outline (nats per squared pixel of a person 270 pixels tall, up to
     `farthest` pixels), `contrast` the length of the outline where the picture is flat. The publication evolves a level
@@ -39,7 +40,7 @@ class SegmentAndFit(Baseline):
     name = "segment and fit"
 
     def learn_appearance(self, observations: Observations) -> list[ColourHistograms]:
-        """The densities of the first frame, from the selected frames."""
+        """The colour densities of the selected frames."""
         return selected_histograms(observations)
 
     def find(
@@ -59,7 +60,7 @@ class SegmentAndFit(Baseline):
                 mask = self._segment(picture, cut, colours[camera], body[first::step, first::step], step)
                 masks.append(cv2.resize(mask.astype(np.uint8), body.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
             seen = [ColourHistograms.fit([pair]) for pair in zip(crops, masks, strict=True)]
-            colours = [now.mixed(first, 0.5) for now, first in zip(seen, worker.memory, strict=True)]
+            colours = [now.mixed(known, 0.5) for now, known in zip(seen, worker.memory, strict=True)]
             edges = [mask_edges(mask) for mask in masks]
             outlined = replace(
                 problem,

@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -25,6 +25,7 @@ from jaxmocap.metrics import evaluate
 from jaxmocap.motion import Motion
 from jaxmocap.observation import fit_capture_appearance
 from jaxmocap.track import (
+    FrameResult,
     Tracker,
     appearance_preset,
     key_poses_of,
@@ -79,11 +80,20 @@ def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
     motion = motion_of(observations, results, {"method": run.method}, tracker.verdict)
     done, spent = time.perf_counter(), time.process_time() - used
     scores = evaluate(motion, capture.truth) if capture.truth is not None else {}
-    return record(run, prepared.hash, scores, motion, results, done - begin, done - ready, spent), motion
+    return _record(run, prepared.hash, scores, motion, results, done - begin, done - ready, spent), motion
 
 
-def record(run, hashed, scores, motion, results, wall, tracking, cpu) -> dict[str, Any]:
-    """The row: settings, seed, versions, capture hash and what came out."""
+def _record(
+    run: Run,
+    hashed: str,
+    scores: dict[str, Any],
+    motion: Motion,
+    results: Sequence[FrameResult],
+    wall: float,
+    tracking: float,
+    cpu: float,
+) -> dict[str, Any]:
+    """The row: settings, seed, versions, capture hash and what came out; seconds."""
     seconds = [sum(result.seconds.values()) for result in results][1:] or [float("nan")]
     markers, joints = scores.get("marker_error_cm", {}), scores.get("joint_error_cm", {})
     return {
@@ -184,6 +194,3 @@ def _make_room() -> None:
     maps = Path(f"/proc/{os.getpid()}/maps")
     if maps.is_file() and len(maps.read_bytes().splitlines()) > _MOST_MAPS:
         jax.clear_caches()
-
-
-Performer = Callable[[Run, Path], tuple[dict[str, Any], Motion]]
