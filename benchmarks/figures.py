@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-from jaxmocap.experiments import Figure as Figure, worse
+from jaxmocap.experiments import Figure as Figure, figure as record, worse  # noqa: F401
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
