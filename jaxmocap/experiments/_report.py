@@ -21,14 +21,15 @@ _STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;max-width:1100px;margin:2rem auto;padding:0 1rem;color:#1c2733}
 h1{font-size:1.6rem} h2{font-size:1.2rem;margin-top:2.2rem} table{border-collapse:collapse;
 margin:.6rem 0;font-size:14px}
-caption{text-align:left;color:#51606f;padding-bottom:.3rem} th,td{border-bottom:1px solid #d8dfe6;padding:.25rem .7rem;
-text-align:right;white-space:nowrap} th:first-child,td:first-child{text-align:left} tr:first-child td{font-weight:600}
+caption{text-align:left;color:#51606f;padding-bottom:.3rem;white-space:nowrap}
+ th,td{border-bottom:1px solid #d8dfe6;padding:.25rem .7rem;
+text-align:right;white-space:nowrap} th:first-child,td:first-child{text-align:left} tr.ours td{font-weight:600}
 .scroll{overflow-x:auto} svg{width:100%;max-width:560px;font:11px system-ui} svg .grid{stroke:#e3e8ed}
 svg text{fill:#51606f}
 .two{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:1rem}
 .legend span{margin-right:1.2rem} .legend i{display:inline-block;width:14px;height:4px;margin-right:.4rem;
 vertical-align:middle} figure{margin:0} figcaption{font-size:13px;color:#51606f}
-.side{display:flex;gap:.4rem;overflow-x:auto} .side img{height:170px} li{margin:.2rem 0}
+.side{display:flex;gap:.4rem;overflow-x:auto} .side img{height:220px} li{margin:.2rem 0}
 """
 _PICTURED = 8
 
@@ -59,10 +60,12 @@ def _markdown(tables: Sequence[Table], failed: Sequence[Row], title: str, notes:
 def _html(rows, tables, failed, out: Path, captures, title: str, notes) -> str:
     parts = [f"<h1>{escape(title)}</h1>", *(f"<p>{escape(note)}</p>" for note in notes)]
     compared = [row for row in rows if row["experiment"] == "comparison"]
-    for number, table in enumerate(tables):
-        parts.append(_table(table))
-        if number == 1 and compared:
-            parts += [_curves(compared), _overlays(compared, out, captures)]
+    own = 2 if compared else 0
+    parts += [_table(table) for table in tables[:own]]
+    if compared:
+        parts += [_curves(compared), _overlays(compared, out, captures)]
+    if tables[own:]:
+        parts += ["<h2>One part or setting at a time</h2>", *(_table(table) for table in tables[own:])]
     if failed:
         items = "".join(f"<li>{escape(row['key'])}: {escape(str(row.get('error')))}</li>" for row in failed)
         parts.append(f"<h2>Runs that failed</h2><ul>{items}</ul>")
@@ -75,7 +78,10 @@ def _html(rows, tables, failed, out: Path, captures, title: str, notes) -> str:
 
 def _table(table: Table) -> str:
     head = "".join(f"<th>{escape(cell)}</th>" for cell in table.head)
-    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in line)}</tr>" for line in table.body)
+    body = ""
+    for line in table.body:
+        cells = "".join(f"<td>{escape(cell)}</td>" for cell in line)
+        body += f"<tr{' class=ours' if line[0] == 'ours' else ''}>{cells}</tr>"
     return (
         f'<div class="scroll"><table><caption>{escape(table.caption)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"

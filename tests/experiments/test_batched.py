@@ -1,5 +1,7 @@
 """Searches in one call against the same searches one by one."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -25,7 +27,9 @@ def batch(world) -> SearchBatch:
     return SearchBatch.make(energy, sampler, world.character, pose, world.problem(2), "l_arm", step=4)
 
 
-def test_one_call_finds_what_a_loop_finds(batch):
+@pytest.mark.parametrize("driver", ["loop", pytest.param("scatter", marks=pytest.mark.slow)])
+def test_one_call_finds_what_a_loop_finds(batch, driver):
+    batch = replace(batch, driver=driver)
     weights, seeds = jnp.array([0.0, 0.5]), jnp.array([0, 7])
     found = batch({WEIGHT: weights}, seeds)
     assert found.increments.shape == (2, 2, 39)
