@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from jaxmocap._results import InputError
 from jaxmocap.character import Character, Pose
@@ -133,7 +133,7 @@ def _one(batch: SearchBatch, energy: SearchEnergy, key: PRNGKeyArray):
 
 
 @eqx.filter_jit
-def _every(batch: SearchBatch, energies: SearchEnergy, axes: Any, keys: PRNGKeyArray):
+def _every(batch: SearchBatch, energies: SearchEnergy, axes: Any, keys: Key[Array, "seed"]):
     if (batch.driver or best_driver()) == "scatter":
         over_seeds = jax.vmap(lambda energy, key: _one(batch, energy, key), in_axes=(None, 0))
         return jax.vmap(over_seeds, in_axes=(axes, None))(energies, keys)
