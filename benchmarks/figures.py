@@ -5,30 +5,8 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Literal
 
-Figure = dict[str, object]
-
-
-def record(
-    metric: str, value: float, unit: str, tolerance: float, direction: Literal["lower", "higher"] = "lower"
-) -> Figure:
-    """One figure: which direction is better, and by how much of itself it may get worse."""
-    return {"metric": metric, "value": round(value, 5), "unit": unit, "direction": direction, "tolerance": tolerance}
-
-
-def worse(figures: list[Figure], baseline: list[Figure]) -> list[str]:
-    """Sentences about figures beyond their tolerance."""
-    before = {entry["metric"]: float(str(entry["value"])) for entry in baseline}
-    found = []
-    for figure in figures:
-        if figure["metric"] not in before:
-            continue
-        now, was = float(str(figure["value"])), before[figure["metric"]]
-        by = now - was if figure["direction"] == "lower" else was - now
-        if by > abs(was) * float(str(figure["tolerance"])) + 1e-9:
-            found.append(f"{figure['metric']}: {now} {figure['unit']}, was {was}")
-    return found
+from jaxmocap.experiments import Figure as Figure, figure as record, worse  # noqa: F401
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -46,6 +46,7 @@ from .track import (
 )
 from .calibration import RefinedCameras as RefinedCameras, refine_cameras as refine_cameras
 from .metrics import evaluate as evaluate
+from .datasets import import_dataset as import_dataset
 from .exporters import export as export
 from .importers import read_motion as read_motion
 from .viewers import (
@@ -59,3 +60,4 @@ from .viewers import (
 )
 from ._pipeline import track_capture as track_capture
 from ._doctor import Diagnosis as Diagnosis, doctor as doctor
+from .experiments import Benchmark as Benchmark, bench as bench

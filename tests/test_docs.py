@@ -12,12 +12,21 @@ import numpy as np
 import pytest
 
 from jaxmocap import exporters, samplers
+from jaxmocap.appearance import AppearanceSettings, GridSettings
+from jaxmocap.capture import Capture
 from jaxmocap.character import rest_pose, skin
 from jaxmocap.character._dof_table import joint_dofs
 from jaxmocap.energies import Region, SearchEnergy, body_part, prepare_base, score_particles
 from jaxmocap.motion import Motion
-from jaxmocap.observation import build_problem, place_rectangle, projected_box, surface_of
+from jaxmocap.observation import (
+    build_problem,
+    fit_capture_appearance,
+    place_rectangle,
+    projected_box,
+    surface_of,
+)
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
+from jaxmocap.track import observe, track
 
 ROOT = Path(__file__).parents[1]
 
@@ -129,6 +138,19 @@ def test_the_exporter_of_contributing_writes_every_frame(motion, tmp_path, monke
     x, y, z = motion.joints[0, 0]
     assert name == motion.joint_names[0]
     np.testing.assert_allclose(np.array(place, float) / 1000, [x, -z, y], atol=1e-6)
+
+
+def test_the_baseline_of_contributing_stays_where_it_was_registered(shown, tmp_path):
+    still = run_block("jaxmocap/baselines/_still.py")["StandingStill"]()
+    capture = Capture.open(write_capture(shown, tmp_path / "capture"))
+    poses = {0: shown.pose(0)}
+    settings = AppearanceSettings(grid=GridSettings(rows=8, columns=8))
+    made = (capture, shown.cameras, shown.character)
+    appearance = fit_capture_appearance(*made, poses, key=jax.random.key(0), settings=settings)
+    tracked = track(observe(*made, appearance, poses), tracker=still, frames=(0, 2))
+    assert len(tracked) == 2
+    np.testing.assert_array_equal(tracked.angles[1], tracked.angles[0])
+    np.testing.assert_array_equal(tracked.root[1], tracked.root[0])
 
 
 def test_the_table_of_exports_is_the_code_s():

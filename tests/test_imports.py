@@ -10,10 +10,11 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "jaxmocap"
 ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
+    ("experiments",),
     ("_pipeline", "_calibrate", "_doctor"),
     ("_prepare", "_run_folder", "_kept_stages", "_inputs"),
     ("_complete", "_synchronise", "_self_test"),
-    ("baselines",),
+    ("baselines", "datasets"),
     ("viewers",),
     ("exporters", "importers", "metrics"),
     ("track", "calibration"),
@@ -43,6 +44,8 @@ HOST_PACKAGES = {
     "track",
     "_doctor",
     "_cli",
+    "baselines",
+    "datasets",
 }
 ARRAYS_ONLY = {"samplers", "refiners", "geometry"}
 

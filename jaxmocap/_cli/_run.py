@@ -9,6 +9,7 @@ import tyro
 from jaxmocap._results import InputError
 from jaxmocap._runtime import prepare
 
+from ._bench import bench
 from ._body import body
 from ._calibrate import calibrate
 from ._cameras import cameras
@@ -18,6 +19,7 @@ from ._doctor import doctor
 from ._evaluate import evaluate
 from ._export import export
 from ._fit_character import fit_character
+from ._import_dataset import import_dataset
 from ._read_motion import read_motion
 from ._refine_cameras import refine_cameras
 from ._register import register
@@ -52,6 +54,8 @@ _COMMANDS = {
     "view": view,
     "read-motion": read_motion,
     "doctor": doctor,
+    "import-dataset": import_dataset,
+    "bench": bench,
 }
 _DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
 

@@ -30,7 +30,8 @@ class AppearanceSettings(eqx.Module):
 
     `behind` is what psi_b compares a pixel with: `"grid"`, the colour models of the warped grid (the paper), or
     `"plate"`, the picture of the background that the selected frames and the frames tracked so far have shown, and the
-    grid where none has.
+    grid where none has. `"none"` takes every pixel for foreign (psi_b = tau), which leaves the background out of Eq. 6
+    as in Fig. 11; contours then look for Canny edges, and `uncovered_scale` must not exceed 1.
     """
 
     colour: ColourSettings = eqx.field(default_factory=ColourSettings)
@@ -38,7 +39,7 @@ class AppearanceSettings(eqx.Module):
     warp: WarpSettings = eqx.field(default_factory=WarpSettings)
     foreground: ForegroundSettings = eqx.field(default_factory=ForegroundSettings)
     plate: PlateSettings = eqx.field(default_factory=PlateSettings)
-    behind: Literal["grid", "plate"] = eqx.field(static=True, default="grid")
+    behind: Literal["grid", "plate", "none"] = eqx.field(static=True, default="grid")
     palette_size: int = eqx.field(static=True, default=1024)
 
 

@@ -260,7 +260,7 @@ class Observations:
 
     def learn(self, shown: FrameImages, rectangle: Rectangle, pose: Pose) -> None:
         """Renew the clean plates after a frame has been tracked, so that the next frame finds what it has shown."""
-        if self.appearance.settings.behind == "grid":
+        if self.appearance.settings.behind != "plate":
             return
         people = full_image_ids(self.character, skin(self.character, pose), self.cameras, shown.frame)
         cameras = [camera for camera, plate in self._plates.items() if plate.frame == shown.frame]
@@ -314,6 +314,7 @@ class Observations:
         """The problem of one frame, `pose` being the prediction. `edges` says where contours look for their edge: in
         the Canny picture (the paper) or at the outline of what is not background. `warps` are those of
         `background_warps`."""
+        behind = self.appearance.settings.behind
         vertices = np.asarray(skin(self.character, pose))
         people = full_image_ids(self.character, jnp.asarray(vertices), self.cameras, shown.frame)
         labels = [
@@ -323,7 +324,9 @@ class Observations:
 
         def distance(camera: int) -> np.ndarray:
             person = people[camera] >= 0
-            if self.appearance.settings.behind == "plate":
+            if behind == "none":
+                return np.ones((rectangle.height, rectangle.width), np.float32)
+            if behind == "plate":
                 plate = self._plate(camera, shown.frame, shown.images[camera], person)
                 return plate.distance(rectangle.window(camera))
             carried = warps[camera] if warps is not None else self._carried(camera, shown, person)
@@ -331,7 +334,8 @@ class Observations:
 
         with ThreadPoolExecutor(max_workers=2) as pool:
             background = list(pool.map(distance, range(len(shown.images))))
-        outlines = [background_edges(distance) for distance in background] if edges == "background" else None
+        known = edges == "background" and behind != "none"
+        outlines = [background_edges(distance) for distance in background] if known else None
         return build_problem(
             shown.images,
             rectangle,

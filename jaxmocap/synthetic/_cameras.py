@@ -23,8 +23,9 @@ def handheld_paths(
     seed: int = 0,
     shake: float = 1.0,
     actor_height: float = 1.75,
+    view_angle: float = VIEW_ANGLE,
 ) -> Float[np.ndarray, "camera frame 4 4"]:
-    """cam_from_world of cameras 27 degrees apart that keep the actor at 75 % of the image height.
+    """cam_from_world of cameras `view_angle` radians apart that keep the actor at 75 % of the image height.
 
     `targets` are the actor's places on the ground, which the aim follows. `shake` scales the hands: a drift of
     decimetres, trembling of a few centimetres and about 1 degree; 0 gives tripods that only turn. A path is a function
@@ -35,7 +36,7 @@ def handheld_paths(
     poses = []
     for camera in range(num_cameras):
         rng = np.random.default_rng([seed, 3, camera])
-        azimuth = (camera - 0.5 * (num_cameras - 1)) * VIEW_ANGLE
+        azimuth = (camera - 0.5 * (num_cameras - 1)) * view_angle
         drift = np.stack([_band(rng, times, 0.05, 0.25, a) for a in (0.12, 0.04, 0.10)], axis=1)
         tremble = np.stack([_band(rng, times, 0.8, 3.0, 0.012) for _ in range(3)], axis=1)
         turn = np.stack([_band(rng, times, 0.4, 2.5, np.radians(a)) for a in (0.6, 0.6, 0.8)], axis=1)

@@ -17,14 +17,15 @@ from jaxmocap.motion import Motion
 
 from ._actor import make_actor
 from ._body import TEMPLATE_HEIGHT
-from ._cameras import handheld_paths, intrinsics_of
+from ._cameras import VIEW_ANGLE, handheld_paths, intrinsics_of
 from ._clothes import Outfit, Style
 from ._markers import bind_markers, marker_positions
-from ._motion import dance, ground_path, recorded
+from ._motion import Routine, ground_path, perform, recorded
 from ._render import Rendered, Subject, develop, render_view
-from ._scene import make_scene
+from ._scene import Scenery, make_scene
 
 NUM_MARKERS = 44
+VIEW_ANGLE_DEGREES = float(np.degrees(VIEW_ANGLE))
 _SHUTTER = 0.5  # open for half of the frame interval
 _OPENPOSE_PLACES = {"pelvis": "mid_hip"}
 
@@ -82,6 +83,9 @@ def make_capture(
     motion_scale: float = 1.0,
     camera_shake: float = 1.0,
     clothes: Style = "patterned",
+    routine: Routine = "dance",
+    scenery: Scenery = "bricks",
+    view_angle_degrees: float = VIEW_ANGLE_DEGREES,
     sensor_noise: float = 0.006,
     keypoint_noise: float = 2.5,
     illumination_change: float = 0.0,
@@ -92,7 +96,9 @@ def make_capture(
 ) -> SyntheticCapture:
     """Film the actor dancing on a square with handheld cameras 27 degrees apart; equal arguments give equal bytes.
 
-    `size` is (width, height) in pixels, both even. `clothes="uniform"` dresses arms and torso alike. `sensor_noise` is
+    `size` is (width, height) in pixels, both even. `clothes="uniform"` dresses arms and torso alike, `"plain sleeves"`
+    the arms in one colour beside a patterned shirt. `routine` is how the actor moves (`perform`), and
+    `scenery="skin"` paints ground and walls in the colour of the arms. `sensor_noise` is
     a fraction of full scale, `keypoint_noise` a standard deviation in pixels at 960 pixels width. `illumination_change`
     brightens and dims the scene by that fraction over the capture. `sub_frames` > 1 averages that many instants of a
     half-open shutter (motion blur). `selected_frames` default to the first and the middle one. Instead of dancing,
@@ -109,16 +115,17 @@ def make_capture(
 
     character = make_actor(height)
     if motion is None:
-        poses, path = dance(character.skeleton, times, motion_scale), ground_path(times, motion_scale)
+        poses, path = perform(routine, character.skeleton, times, motion_scale), ground_path(times, motion_scale)
     else:
         _check_motion(motion, character, timestamps[-1])
         poses, path = recorded(motion, times)
     posed = [_skinned(character, Pose(*pose)) for pose in zip(poses.root, poses.angles, strict=True)]
     vertices, joints = (np.stack(values).astype(float) for values in zip(*posed, strict=True))
-    paths = handheld_paths(times, path, size, num_cameras, seed, camera_shake, height)
+    angle = np.radians(view_angle_degrees)
+    paths = handheld_paths(times, path, size, num_cameras, seed, camera_shake, height, angle)
 
     every = 1 + sub_frames
-    faces, intrinsics, scene = np.asarray(character.faces), intrinsics_of(size), make_scene(seed)
+    faces, intrinsics, scene = np.asarray(character.faces), intrinsics_of(size), make_scene(seed, scenery)
     rest = np.asarray(character.vertices, np.float32) * np.float32(TEMPLATE_HEIGHT / height)
     subject = Subject(rest, faces, Outfit.make(seed, clothes))
 
@@ -153,6 +160,15 @@ def make_capture(
         selected_frames=selected,
         keypoints=_keypoints(joints, names, paths[:, ::every], size, selected, keypoint_noise, seed),
     )
+
+
+def body_25(
+    capture: SyntheticCapture, frames: Sequence[int], noise: float
+) -> Float[np.ndarray, "selected camera 25 3"]:
+    """BODY_25 points of any frames as a detector would give them; `noise` as `keypoint_noise` of `make_capture`."""
+    paths = np.asarray(capture.cameras.cam_from_world, np.float64)
+    joints = capture.joints.astype(np.float64)
+    return _keypoints(joints, capture.joint_names, paths, capture.size, tuple(frames), noise, seed=0)
 
 
 def _check(num_frames: int, size: tuple[int, int], num_cameras: int, sub_frames: int, supersampling: int) -> None:

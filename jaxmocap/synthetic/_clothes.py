@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ._body import SIDE_JOINTS, sheared
 from ._noise import noise_volume, sample_noise
 
-Style = Literal["patterned", "uniform"]
+Style = Literal["patterned", "uniform", "plain sleeves"]
 
 
 def _f32(values: object) -> np.ndarray:
@@ -27,7 +27,9 @@ _SHOES = _f32((0.50, 0.22, 0.14))
 @dataclass(frozen=True)
 class Outfit:
     """A seeded set of clothes. "patterned": striped and blotched shirt with short sleeves, mottled trousers; "uniform":
-    shirt with long sleeves and trousers of one plain colour each, so that arms in front of the torso hardly show."""
+    shirt with long sleeves and trousers of one plain colour each, so that arms in front of the torso hardly show;
+    "plain sleeves": the patterned shirt with long sleeves of one plain colour, along which nothing tells where the
+    elbow is."""
 
     noise: Float[np.ndarray, "n n n"]
     style: Style = "patterned"
@@ -44,7 +46,7 @@ class Outfit:
         arm = (side > 0.16) & (straight > 1.28)
         head = (side < 0.12) & (height > 1.482 - 0.35 * points[:, 2])
         grain = sample_noise(self.noise, points, 0.011)
-        long_sleeves = self.style == "uniform"
+        long_sleeves = self.style != "patterned"
         sleeve_end = np.float32(SIDE_JOINTS["wrist"][0] - 0.015 if long_sleeves else SIDE_JOINTS["elbow"][0] - 0.03)
         bare = (arm & (side > sleeve_end)) | head
         legs = ~arm & (height < 0.985)
@@ -67,7 +69,10 @@ class Outfit:
         colour = (1 - stripe) * _SHIRT[0] + stripe * _SHIRT[1]
         blotch = _step(sample_noise(self.noise, points, 0.075) - np.float32(0.75), 0.12)[:, None]
         colour = (1 - blotch) * colour + blotch * _SHIRT[2]
-        return colour * (1 + np.float32(0.08) * sample_noise(self.noise, points + np.float32(0.4), 0.03))[:, None]
+        colour *= (1 + np.float32(0.08) * sample_noise(self.noise, points + np.float32(0.4), 0.03))[:, None]
+        if self.style == "plain sleeves":
+            colour[arm] = _PLAIN_SHIRT
+        return colour
 
     def _trousers(self, points: np.ndarray) -> np.ndarray:
         if self.style == "uniform":

@@ -1,14 +1,18 @@
 """A known motion: stepping in place with one high knee lift, arms swinging, the torso turning."""
 
+from typing import Literal
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxmocap._results import InputError
 from jaxmocap.character import Pose, Skeleton, landmark_positions, pose_from_vector
 from jaxmocap.motion import Motion, at_times, continuous, turned
 
+Routine = Literal["dance", "crossing arms", "bending arm"]
 STEP_RATE = 0.8
 _KNEE_LIFT_TIME = 1.56
 _SOFTNESS = 0.004
@@ -40,6 +44,30 @@ _SWINGS: dict[str, tuple[float, list[tuple[float, float, float]]]] = {
     "l_hip_abd": (2.0, [(3, 0.40, 0.00)]),
     "r_hip_abd": (2.0, [(3, 0.40, 0.50)]),
 }
+# Both forearms sweep before the torso, and one arm bends and stretches; the rest hardly moves.
+_CROSSING: dict[str, tuple[float, list[tuple[float, float, float]]]] = {
+    "root_ry": (0.0, [(6, 0.3, 0.0)]),
+    "lumbar_axial": (0.0, [(5, 0.4, 0.2)]),
+    "l_shoulder_flex": (22.0, [(12, 1.3, 0.00)]),
+    "l_shoulder_abd": (-22.0, [(8, 0.9, 0.30)]),
+    "l_shoulder_axial": (48.0, [(22, 1.2, 0.55)]),
+    "l_elbow_flex": (72.0, [(24, 1.4, 0.20)]),
+    "r_shoulder_flex": (26.0, [(14, 1.1, 0.50)]),
+    "r_shoulder_abd": (-22.0, [(8, 1.0, 0.75)]),
+    "r_shoulder_axial": (48.0, [(22, 1.3, 0.05)]),
+    "r_elbow_flex": (72.0, [(24, 1.2, 0.70)]),
+}
+_BENDING: dict[str, tuple[float, list[tuple[float, float, float]]]] = {
+    "root_ry": (0.0, [(5, 0.3, 0.0)]),
+    "l_shoulder_flex": (18.0, [(12, 0.9, 0.00)]),
+    "l_shoulder_abd": (14.0, [(14, 0.7, 0.10)]),
+    "l_shoulder_axial": (10.0, [(20, 0.8, 0.40)]),
+    "l_elbow_flex": (55.0, [(48, 1.1, 0.75)]),
+    "r_shoulder_flex": (10.0, [(8, 0.6, 0.20)]),
+    "r_shoulder_abd": (-14.0, [(6, 0.6, 0.50)]),
+    "r_elbow_flex": (25.0, [(18, 0.9, 0.00)]),
+}
+_ROUTINES = {"dance": (_SWINGS, 1.0), "crossing arms": (_CROSSING, 0.3), "bending arm": (_BENDING, 0.2)}
 # Root sway in metres: mean, then (amplitude, frequency, phase in turns).
 _SWAY: dict[str, list[tuple[float, float, float]]] = {
     "root_tx": [(0.10, 0.40, 0.05), (0.12, 0.13, 0.00)],
@@ -48,20 +76,29 @@ _SWAY: dict[str, list[tuple[float, float, float]]] = {
 
 
 def dance(skeleton: Skeleton, times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Pose:
+    """`perform` of "dance"."""
+    return perform("dance", skeleton, times, scale)
+
+
+def perform(routine: Routine, skeleton: Skeleton, times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Pose:
     """Poses at any times (seconds), with a leading frame axis; all joint angles stay inside the skeleton's limits.
 
-    `scale` multiplies every amplitude, 1 giving up to about 2.5 m/s at the hands. The lowest point of the feet is on
-    y = 0 at every instant.
+    "dance" steps in place, "crossing arms" sweeps both forearms before the torso, "bending arm" bends and stretches one
+    arm. `scale` multiplies every amplitude, 1 giving up to about 2.5 m/s at the dancer's hands. The lowest point of
+    the feet is on y = 0 at every instant. Raises `InputError` for an unknown routine.
     """
+    if routine not in _ROUTINES:
+        raise InputError(f"routine is {routine!r}; choose one of {', '.join(_ROUTINES)}.")
     times = np.asarray(times, float)
+    swings, steps = _ROUTINES[routine]
     vectors = np.zeros((len(times), skeleton.num_dofs))
     column = {name: index for index, name in enumerate(skeleton.dof_names)}
-    for name, (mean, waves) in _SWINGS.items():
+    for name, (mean, waves) in swings.items():
         vectors[:, column[name]] = np.radians(mean + scale * _waves(waves, times))
     for name, waves in _SWAY.items():
         vectors[:, column[name]] = scale * _waves(waves, times)
     for prefix, phase in (("l_", 0.0), ("r_", 0.5)):
-        lift = np.maximum(0, np.sin(2 * np.pi * (STEP_RATE * times + phase))) ** 2
+        lift = steps * np.maximum(0, np.sin(2 * np.pi * (STEP_RATE * times + phase))) ** 2
         highest = np.exp(-(((times - _KNEE_LIFT_TIME) / 0.32) ** 2)) * (prefix == "l_")
         vectors[:, column[prefix + "hip_flex"]] += np.radians(2 + scale * (30 + 28 * highest) * lift)
         vectors[:, column[prefix + "knee_flex"]] += np.radians(6 + scale * (44 + 28 * highest) * lift)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -9,10 +10,13 @@ from jaxtyping import Float
 
 from ._textures import Picture, add_posters, add_windows, bricks, crate, sky
 
+Scenery = Literal["bricks", "skin"]
 SUN = np.array([0.42, 0.80, 0.43]) / np.linalg.norm([0.42, 0.80, 0.43])
 AMBIENT, DIRECT = 0.48, 0.72
 GROUND_SIZE = 20.0
 _GROUND_TEXEL = 0.0125
+ARMS = (0.83, 0.63, 0.51)
+"""About what bare arms look like."""
 _NEAR = 0.05
 _PAD = 2
 
@@ -88,10 +92,14 @@ def _box(rng: np.random.Generator, x: float, z: float, size: tuple[float, float,
     ]
 
 
-def _ground(rng: np.random.Generator, boxes: list[tuple[float, float, tuple[float, float, float]]]) -> list[Panel]:
+def _ground(
+    rng: np.random.Generator,
+    boxes: list[tuple[float, float, tuple[float, float, float]]],
+    colour: tuple[float, float, float],
+) -> list[Panel]:
     """The pavement with the boxes' cast shadows painted in, and a coarser one out to the horizon."""
     half = GROUND_SIZE / 2
-    picture = bricks(rng, (GROUND_SIZE, GROUND_SIZE), _GROUND_TEXEL, (0.42, 0.28), (0.66, 0.58, 0.50), joint=0.022)
+    picture = bricks(rng, (GROUND_SIZE, GROUND_SIZE), _GROUND_TEXEL, (0.42, 0.28), colour, joint=0.022)
     shade = np.zeros(picture.shape[:2], np.float32)
     for x, z, (w, h, d) in boxes:
         base = np.array([(x + i * w / 2, z + j * d / 2) for i in (-1, 1) for j in (-1, 1)])
@@ -110,8 +118,9 @@ def _ground(rng: np.random.Generator, boxes: list[tuple[float, float, tuple[floa
 
 
 @lru_cache(maxsize=2)
-def make_scene(seed: int = 0) -> Scene:
-    """The square the actor moves in: pavement, three walls 5 to 11 m behind or beside, crates and posts between."""
+def make_scene(seed: int = 0, scenery: Scenery = "bricks") -> Scene:
+    """The square the actor moves in: pavement, three walls 5 to 11 m behind or beside, crates and posts between. In the
+    "skin" scenery ground and walls are bricks in the colour of the actor's arms."""
     rng = np.random.default_rng([seed, 1])
     boxes = [
         (1.75, -1.9, (0.62, 0.62, 0.62)),
@@ -123,9 +132,10 @@ def make_scene(seed: int = 0) -> Scene:
         (3.9, -3.1, (0.26, 3.40, 0.26)),
         (-4.0, -3.6, (0.22, 3.20, 0.22)),
     ]
-    panels = _ground(rng, boxes)
+    skin = scenery == "skin"
+    panels = _ground(rng, boxes, ARMS if skin else (0.66, 0.58, 0.50))
     panels.append(_panel((-130, 62, -70), (260, 0, 0), (0, -70, 0), sky(rng, (420, 1560)), lit=False))
-    wall = lambda length, height, size, colour: bricks(rng, (length, height), 0.012, size, colour)  # noqa: E731
+    wall = lambda length, height, size, colour: bricks(rng, (length, height), 0.012, size, ARMS if skin else colour)  # noqa: E731
     back = add_posters(rng, wall(6.6, 2.9, (0.40, 0.17), (0.58, 0.55, 0.60)), 0.012, 5)
     panels.append(_panel((-1.9, 2.9, -5.2), (6.6, 0, 0), (0, -2.9, 0), back))
     side = add_windows(add_posters(rng, wall(11.0, 4.2, (0.34, 0.20), (0.78, 0.62, 0.38)), 0.012, 6), 0.012, 2.0)

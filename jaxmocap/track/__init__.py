@@ -1,6 +1,7 @@
 """Tracking: registration at the selected frames, then search and refinement frame by frame."""
 
 from ._checkpoint import Checkpoint as Checkpoint
+from ._clock import Clock as Clock
 from ._confidence import Verdict as Verdict, VerdictSettings as VerdictSettings, judge as judge
 from ._economy import Calm as Calm, Hindsight as Hindsight, Retry as Retry
 from ._fit_character import (
@@ -10,20 +11,30 @@ from ._fit_character import (
 )
 from ._frame import FrameTracker as FrameTracker
 from ._frame_result import FrameResult as FrameResult
-from ._inverse_kinematics import inverse_kinematics as inverse_kinematics
+from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, triangulated as triangulated
+from ._least_squares import Prior as Prior, Rows as Rows, descend as descend, free_prior as free_prior
 from ._lost import LostSpan as LostSpan, lost_spans as lost_spans
+from ._past import Past as Past
 from ._polish import PolishPlan as PolishPlan, polish as polish
 from ._register import (
     Overrides as Overrides,
     Registration as Registration,
     RegistrationSettings as RegistrationSettings,
     apply_overrides as apply_overrides,
+    draw as draw,
+    fit_to_masks as fit_to_masks,
+    frame_rectangle as frame_rectangle,
     intersection_over_union as intersection_over_union,
     read_pose_file as read_pose_file,
     register as register,
     register_frame as register_frame,
 )
-from ._search import GroupSearch as GroupSearch, Stage as Stage, group_searches as group_searches
+from ._search import (
+    GroupSearch as GroupSearch,
+    Stage as Stage,
+    group_searches as group_searches,
+    initial_spread as initial_spread,
+)
 from ._segment import (
     PersonMask as PersonMask,
     PersonMasks as PersonMasks,
@@ -32,6 +43,7 @@ from ._segment import (
     segment_person as segment_person,
 )
 from ._sequence import (
+    Method as Method,
     Progress as Progress,
     key_poses_of as key_poses_of,
     motion_of as motion_of,

@@ -52,7 +52,8 @@ class BodySearch:
         self.key = key
         shares = sorted({stage.faces for stage in plan.stages} - {1.0})
         meshes = {share: simplified_mesh(self.character, observations.surface, share) for share in shares}
-        self.groups = group_searches(self.character, meshes)
+        whole = (("body", tuple(range(self.character.skeleton.num_dofs))),) if plan.groups == "whole" else None
+        self.groups = group_searches(self.character, meshes, whole)
         self.limbs = [number for number, group in enumerate(self.groups) if is_limb(group)]
         self.spread = initial_spread(self.character)
         self.face_bodies = dominant_bodies(self.character)

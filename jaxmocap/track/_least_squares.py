@@ -1,5 +1,6 @@
 """One damped Gauss-Newton step on rows of surface points and rays, with the priors of Eq. 10, for any refiner."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -8,8 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmocap.character import Character, Pose, retract
-from jaxmocap.energies import LandmarkRays, LineResidual, SurfaceLines
+from jaxmocap.energies import LineResidual, SurfaceLines
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
+
+LandmarkRows = Callable[[Character, Pose], Float[Array, "rows"]]
+"""Residuals of a pose's landmarks, such as `LandmarkRays`."""
 
 
 class Rows(NamedTuple):
@@ -72,7 +76,7 @@ def gauss_newton_step(
     base: Pose,
     delta: Float[Array, "dof"],
     rows: tuple[Rows, ...],
-    landmarks: tuple[LandmarkRays, ...],
+    landmarks: tuple[LandmarkRows, ...],
     prior: Prior,
     damping: Float[Array, ""],
     refiner: AbstractRefiner,
@@ -110,7 +114,7 @@ def descend(
     base: Pose,
     delta: Float[Array, "dof"],
     rows: tuple[Rows, ...],
-    landmarks: tuple[LandmarkRays, ...],
+    landmarks: tuple[LandmarkRows, ...],
     prior: Prior,
     refiner: AbstractRefiner,
     steps: int = 3,

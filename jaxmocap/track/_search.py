@@ -349,9 +349,11 @@ def with_far_capacity(energy: SearchEnergy, capacity: int) -> SearchEnergy:
     )
 
 
-def alike_parts(character: Character) -> dict[str, BodyPart]:
+Groups = tuple[tuple[str, tuple[int, ...]], ...]
+
+
+def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
     """The parts of all groups, left and right padded to the same shapes."""
-    groups = character.skeleton.groups
     plain = {name: body_part(character, dofs) for name, dofs in groups}
     parts = {}
     for name, dofs in groups:
@@ -361,14 +363,17 @@ def alike_parts(character: Character) -> dict[str, BodyPart]:
     return parts
 
 
-def group_searches(character: Character, meshes: Mapping[float, Mesh] | None = None) -> list[GroupSearch]:
-    """One search per group of the skeleton. `meshes` holds a simplified mesh for every share of the faces that a stage
-    names, except 1."""
-    parts = alike_parts(character)
-    simple = {share: (mesh, alike_parts(mesh.character)) for share, mesh in (meshes or {}).items()}
+def group_searches(
+    character: Character, meshes: Mapping[float, Mesh] | None = None, groups: Groups | None = None
+) -> list[GroupSearch]:
+    """One search per group, by default those of the skeleton. `meshes` holds a simplified mesh for every share of the
+    faces that a stage names, except 1."""
+    groups = character.skeleton.groups if groups is None else groups
+    parts = alike_parts(character, groups)
+    simple = {share: (mesh, alike_parts(mesh.character, groups)) for share, mesh in (meshes or {}).items()}
     shared: dict[str, Sizes] = {}
     searches = []
-    for name, dofs in character.skeleton.groups:
+    for name, dofs in groups:
         sizes = shared.setdefault(name.split("_")[-1], Sizes(_power(1.3 * character.faces.shape[0])))
         coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
         outer = jnp.array([any(part in character.skeleton.dof_names[dof] for part in _OUTER) for dof in dofs])

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -36,6 +36,16 @@ class Progress(NamedTuple):
     result: FrameResult
 
 
+class Method(Protocol):
+    """Anything that tracks one frame after the other from a registered pose, such as the baselines: a value that hands
+    out the worker of one sequence."""
+
+    @property
+    def verdict(self) -> VerdictSettings: ...
+
+    def follow(self, observations: Observations, key: PRNGKeyArray) -> FrameTracker: ...
+
+
 def key_poses_of(registrations: dict[int, Registration] | dict[int, Pose]) -> dict[int, Pose]:
     """The poses of registered frames."""
     return {frame: r.pose if isinstance(r, Registration) else r for frame, r in registrations.items()}
@@ -66,7 +76,7 @@ def _shown(observations: Observations, leg: range) -> Iterator[FrameImages]:
 
 def track_frames(
     observations: Observations,
-    tracker: Tracker,
+    tracker: Tracker | Method,
     *,
     key: PRNGKeyArray,
     frames: tuple[int, int] | None = None,
@@ -98,7 +108,10 @@ def track_frames(
     for number, leg in enumerate(legs):
         if saved is not None and number < saved.leg:
             continue
-        worker = FrameTracker(observations, tracker, key)
+        if isinstance(tracker, Tracker):
+            worker = FrameTracker(observations, tracker, key)
+        else:
+            worker = tracker.follow(observations, key)
         if saved is not None and number == saved.leg:
             worker.restore(saved.state)
             saved = saved._replace(state={})
@@ -156,13 +169,13 @@ def motion_of(
 def track(
     observations: Observations,
     start: Pose | Registration | None = None,
-    tracker: Tracker | None = None,
+    tracker: Tracker | Method | None = None,
     *,
     key: PRNGKeyArray | None = None,
     frames: tuple[int, int] | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Motion:
-    """Track the person through the capture (sec. 4): `Tracker()` is the paper.
+    """Track the person through the capture (sec. 4): `Tracker()` is the paper; `jaxmocap.baselines` has others.
 
     `start` replaces the registered pose of the frame at which tracking starts. Same key, same bits.
     """

@@ -3,18 +3,19 @@
 import types
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
-from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import jax.numpy as jnp
 from jaxtyping import AbstractArray
 
 from jaxmocap._results import InputError
 
-from ._tracker import Tracker
+Settings = TypeVar("Settings")
 
 
-def with_settings(tracker: Tracker, settings: Mapping[str, Any]) -> Tracker:
-    """The tracker with some settings changed: names are the attributes from the tracker down, joined by dots.
+def with_settings(tracker: Settings, settings: Mapping[str, Any]) -> Settings:
+    """The tracker with some settings changed: names are the attributes from the tracker down, joined by dots. Any other
+    record of settings can be changed the same way.
 
     A tuple's entries are named by their number, an energy's terms by their name: `search.stages.0.iterations`,
     `search_energy.terms.model_view.shading`. Values may be text. "off" (or None) leaves an optional part out, "on" puts

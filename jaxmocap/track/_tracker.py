@@ -12,7 +12,7 @@ from jaxmocap._types import Knob, knob
 from jaxmocap.appearance import AppearanceSettings, ForegroundSettings
 from jaxmocap.energies import ContourSettings, Keypoints, SearchEnergy, search_energy
 from jaxmocap.refiners import AbstractRefiner, LeastSquares
-from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
+from jaxmocap.samplers import AbstractSampler, InteractingSimulatedAnnealing, particles_for
 
 from ._confidence import VerdictSettings
 from ._economy import Calm, Hindsight, Retry
@@ -39,7 +39,8 @@ class SearchPlan:
     and torso, which are large and move less than limbs; `calm` says when a group need not be searched, `retry` when a
     limb is searched again (None: never, the paper), `hindsight` when in an earlier frame; after a frame whose verdict
     is "lost", root and torso are searched `reacquire` times further afield (0: never, the paper); `answer` "mean"
-    is the paper's."""
+    is the paper's. `groups` "whole" searches all 39 degrees of freedom at once instead of the paper's hierarchy, and
+    then needs `particles`."""
 
     stages: tuple[Effort, ...] = (Effort(),)
     particles: int | None = None
@@ -51,15 +52,28 @@ class SearchPlan:
     hindsight: Hindsight | None = None
     reacquire: int = 0
     answer: Literal["mean", "best_if_better"] = "best_if_better"
+    groups: Literal["hierarchy", "whole"] = "hierarchy"
 
-    def sampler(
-        self, num_dofs: int, sigma_min: Float[Array, "dof"], share: float = 1.0
-    ) -> InteractingSimulatedAnnealing:
+    def __post_init__(self) -> None:
+        if self.groups == "whole" and self.particles is None:
+            raise InputError("a search of the whole body at once needs a number of particles: 2^39 are too many.")
+
+    @property
+    def iterations(self) -> int:
+        """Of all stages."""
+        return sum(stage.iterations for stage in self.stages)
+
+    def count(self, num_dofs: int, share: float = 1.0) -> int:
+        """Particles of a group."""
+        return round(share * (particles_for(num_dofs) if self.particles is None else self.particles))
+
+    def sampler(self, num_dofs: int, sigma_min: Float[Array, "dof"], share: float = 1.0) -> AbstractSampler:
         """The annealing of one group, with a share of the particles."""
-        count = round(share * (particles_for(num_dofs) if self.particles is None else self.particles))
-        iterations = sum(stage.iterations for stage in self.stages)
         return InteractingSimulatedAnnealing(
-            num_particles=count, num_iterations=iterations, answer=self.answer, sigma_min=sigma_min
+            num_particles=self.count(num_dofs, share),
+            num_iterations=self.iterations,
+            answer=self.answer,
+            sigma_min=sigma_min,
         )
 
 

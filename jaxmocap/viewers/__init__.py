@@ -2,6 +2,7 @@
 
 from ._character_picture import draw_character as draw_character
 from ._faces import paint_face_ids as paint_face_ids
+from ._jpeg import jpeg_bytes as jpeg_bytes
 from ._mask_picture import draw_mask as draw_mask
 from ._overlay import OverlayStyle as OverlayStyle, contact_sheet as contact_sheet, draw_overlay as draw_overlay
 from ._overlay_video import (

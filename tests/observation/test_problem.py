@@ -1,5 +1,7 @@
 """A frame as arrays: what is in them, at which pixels, and what a coarser copy sees."""
 
+from dataclasses import replace
+
 import cv2
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 
 from jaxmocap.camera import project
 from jaxmocap.character import skin
-from jaxmocap.observation import build_problem, facing_cosine, full_image_ids, surface_of
+from jaxmocap.observation import Observations, build_problem, facing_cosine, full_image_ids, surface_of
 from jaxmocap.observation._rectangle import Rectangle
 from jaxmocap.render import face_ids
 
@@ -43,6 +45,15 @@ def test_background_is_near_where_it_shows_and_far_where_the_person_stands(world
     assert np.all((background >= 0) & (background <= 1.0 + 1e-3))
     assert np.median(background[~masks]) < 0.1
     assert background[masks].mean() > 0.5 > 3 * background[~masks].mean()
+
+
+def test_without_a_background_every_pixel_is_foreign_and_edges_are_canny_s(world):
+    appearance = replace(world.appearance, settings=replace(world.appearance.settings, behind="none"))
+    observations = Observations(world.capture, world.cameras, world.character, appearance, world.key_poses)
+    problem = observations.problem(world.shown(FRAME), world.rectangle(FRAME), world.pose(FRAME), "background")
+    assert np.all(np.asarray(problem.background) == 1.0)
+    np.testing.assert_array_equal(problem.edges.mask, world.problem(FRAME).edges.mask)
+    observations.learn(world.shown(FRAME), world.rectangle(FRAME), world.pose(FRAME))  # there is nothing to learn
 
 
 def test_true_surface_looks_like_its_model(world):

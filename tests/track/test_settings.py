@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import pytest
 
 from jaxmocap._results import InputError
-from jaxmocap.track import Hindsight, Retry, Tracker, with_settings
+from jaxmocap.appearance import AppearanceSettings
+from jaxmocap.track import Effort, Hindsight, Retry, SearchPlan, Tracker, with_settings
 
 NORMAL = Tracker.preset("normal")
 
@@ -90,3 +91,15 @@ def test_weights_are_array_leaves():
 def test_a_mistake_gets_one_sentence(name, value, sentence):
     with pytest.raises(InputError, match=sentence):
         with_settings(NORMAL, {name: value})
+
+
+def test_a_search_of_the_whole_body_needs_a_number_of_particles():
+    with pytest.raises(InputError, match="number of particles"):
+        SearchPlan(groups="whole")
+    plan = SearchPlan(groups="whole", particles=300, stages=(Effort(4, 7),))
+    assert (plan.count(39), plan.iterations) == (300, 7)
+
+
+def test_any_record_of_settings_can_be_changed():
+    settings = with_settings(AppearanceSettings(), {"behind": "none", "grid.rows": "12"})
+    assert (settings.behind, settings.grid.rows, settings.grid.columns) == ("none", 12, 16)

@@ -1,0 +1,41 @@
+"""Competitors behind the tracker's interface: values for `jm.track(observations, tracker=...)`, all with the same
+cameras, mesh, first pose, selected frames and metric."""
+
+from collections.abc import Callable
+
+from jaxmocap._results import InputError
+from jaxmocap.track import Method, Quality, Tracker
+
+from ._colour_histograms import ColourHistograms as ColourHistograms, selected_histograms as selected_histograms
+from ._follower import Baseline as Baseline, Follower as Follower
+from ._graph_cut import GridCut as GridCut
+from ._hasler import SegmentAndFit as SegmentAndFit
+from ._keypoints import KeypointTriangulation as KeypointTriangulation
+from ._optimisers import (
+    AnnealedParticlePlan as AnnealedParticlePlan,
+    CovarianceMatrixAdaptation as CovarianceMatrixAdaptation,
+    CovarianceMatrixPlan as CovarianceMatrixPlan,
+    annealed_particle_filter as annealed_particle_filter,
+    covariance_matrix_adaptation as covariance_matrix_adaptation,
+    local_only as local_only,
+)
+from ._posecut import PoseCut as PoseCut, StickFigure as StickFigure
+
+METHODS: dict[str, Callable[[Quality], Tracker | Method]] = {
+    "ours": Tracker.preset,
+    "local": local_only,
+    "annealed-particle-filter": annealed_particle_filter,
+    "cma-es": covariance_matrix_adaptation,
+    "keypoints": lambda quality: KeypointTriangulation(),
+    "hasler-1": lambda quality: SegmentAndFit(iterations=1),
+    "hasler-5": lambda quality: SegmentAndFit(iterations=5),
+    "posecut": lambda quality: PoseCut(),
+}
+"""By name; those that share parts with the tracker take them from the preset of this quality."""
+
+
+def method(name: str, quality: Quality = "normal") -> Tracker | Method:
+    """The method of this name. Raises `InputError` for an unknown name."""
+    if name not in METHODS:
+        raise InputError(f"there is no method '{name}'; choose one of {', '.join(METHODS)}.")
+    return METHODS[name](quality)

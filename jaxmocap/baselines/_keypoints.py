@@ -1,0 +1,79 @@
+"""Keypoint triangulation and inverse kinematics: what markerless tools built on a detector do."""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxmocap._results import InputError
+from jaxmocap.character import Character, Pose, clamp, landmark_positions, retract
+from jaxmocap.observation import BODY_25, FrameImages, FrameProblem, Observations, Rectangle
+from jaxmocap.refiners import Shooting
+from jaxmocap.track import descend, free_prior, triangulated
+
+from ._follower import Baseline, Follower
+
+_SCALE, _ROBUST = 0.02, 0.15
+"""Metres that count as 1, and the Geman-McClure scale beyond which a point is taken for wrong."""
+
+
+class LandmarkPoints(eqx.Module):
+    """Landmarks tied to points in the world, as rows of the least squares like `LandmarkRays`: `mix (row, landmark)`
+    averages landmarks; metres."""
+
+    mix: Float[Array, "row landmark"]
+    points: Float[Array, "row 3"]
+    weight: Float[Array, "row"]
+
+    def __call__(self, character: Character, pose: Pose) -> Float[Array, "rows"]:
+        error = self.mix @ landmark_positions(character.skeleton, pose) - self.points
+        square = jnp.sum(error**2, axis=-1) / _ROBUST**2
+        return (error * (jnp.sqrt(self.weight) / jnp.sqrt(1.0 + square) / _SCALE)[:, None]).reshape(-1)
+
+
+@dataclass(frozen=True)
+class KeypointTriangulation(Baseline):
+    """Every keypoint that two views show is triangulated by itself (linear, weighed by confidence), then the skeleton
+    is fitted to the points by least squares with joint limits, from the last pose. No pixel is looked at.
+
+    Needs observations with `detections`. A frame with fewer than `least` points keeps the predicted pose. `smoothness`
+    is the weight of the pull to the last pose, in units of the residual per radian, squared.
+    """
+
+    least: int = 4
+    smoothness: float = 0.02
+    steps: int = 12
+
+    name = "keypoint triangulation"
+
+    def follow(self, observations: Observations, key: PRNGKeyArray) -> Follower:
+        """Raises `InputError` where the observations hold no detections."""
+        if observations.detections is None:
+            raise InputError(
+                f"capture '{observations.capture.name}' comes without keypoints at every frame, which keypoint "
+                "triangulation needs; name a folder of OpenPose BODY_25 files with --detections."
+            )
+        return super().follow(observations, key)
+
+    def find(
+        self, worker: Follower, shown: FrameImages, problem: FrameProblem, rectangle: Rectangle, start: Pose
+    ) -> Pose:
+        skeleton = worker.character.skeleton
+        keypoints = np.asarray(problem.keypoints, np.float64)
+        points, known = triangulated(worker.cameras.at(shown.frame), list(keypoints))
+        names = skeleton.landmark_names
+        rows = [index for index, parts in BODY_25.items() if known[index] and all(part in names for part in parts)]
+        if len(rows) < self.least:
+            return start
+        table = list(BODY_25)  # one row per point of the table, so that frames share a program
+        mix = np.array([[BODY_25[i].count(n) / len(BODY_25[i]) for n in names] for i in table], np.float32)
+        weight = np.array([keypoints[:, i, 2].min() if i in rows else 0.0 for i in table], np.float32)
+        target = np.where(weight[:, None] > 0, points[table], 0.0).astype(np.float32)
+        landmarks = LandmarkPoints(jnp.asarray(mix), jnp.asarray(target), jnp.asarray(weight))
+        prior = free_prior(worker.character, start, self.smoothness)
+        delta, _ = descend(
+            worker.character, start, jnp.zeros(39), (), (landmarks,), prior, Shooting(), steps=self.steps
+        )
+        return clamp(skeleton, retract(skeleton, start, delta))

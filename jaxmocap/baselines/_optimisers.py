@@ -1,0 +1,168 @@
+"""The tracker's own energy under other optimisers: what the annealing and the hierarchy are worth."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxmocap._results import InputError
+from jaxmocap._types import Knob, knob
+from jaxmocap.samplers import (
+    AbstractSampler,
+    AbstractState,
+    Answer,
+    InteractingSimulatedAnnealing,
+    Proposal,
+    StepInfo,
+    reflect,
+)
+from jaxmocap.track import Quality, SearchPlan, Tracker
+
+
+def local_only(quality: Quality = "normal") -> Tracker:
+    """Local optimisation only (Fig. 12): optical flow and the refinement of sec. 4.2, no search."""
+    return replace(Tracker.preset(quality), search=None, prediction=False)
+
+
+def _whole(plan: SearchPlan) -> dict:
+    """The settings of a search of the whole body that may score as many particles as this plan does group by group."""
+    groups = [6, 7, 7, 7, 6, 6]
+    counts = [plan.count(dofs, plan.trunk if number < 2 else 1.0) for number, dofs in enumerate(groups)]
+    return {"stages": plan.stages, "particles": sum(counts), "spread": plan.spread, "groups": "whole"}
+
+
+@dataclass(frozen=True)
+class AnnealedParticlePlan(SearchPlan):
+    """The layers of Deutscher and Reid, Articulated body motion capture by stochastic search, IJCV 61, 2005: all
+    particles are drawn anew by their weights, whose sharpness keeps a share `survival` of them, and diffused by the
+    spread of those."""
+
+    survival: float = 0.5
+
+    def sampler(self, num_dofs: int, sigma_min: Float[Array, "dof"], share: float = 1.0) -> AbstractSampler:
+        return InteractingSimulatedAnnealing(
+            num_particles=self.count(num_dofs, share),
+            num_iterations=self.iterations,
+            answer=self.answer,
+            epsilon="zero",
+            survival=self.survival,
+            sigma_min=sigma_min,
+        )
+
+
+def annealed_particle_filter(quality: Quality = "normal") -> Tracker:
+    """Annealed particle filter on Eq. 5: all 39 degrees of freedom at once, from the last pose with process noise, the
+    answer being the weighted mean; no optical flow and no refinement.
+
+    Its budget is that of the preset's search. Between frames the particles are handed on as their mean, since after the
+    last layer they lie much closer together than the process noise spreads them.
+    """
+    preset = Tracker.preset(quality)
+    assert preset.search is not None
+    plan = AnnealedParticlePlan(**_whole(preset.search), answer="mean")
+    return replace(preset, search=plan, refine=None, flow_start=False, prediction=False)
+
+
+class CovarianceState(AbstractState):
+    """State of `CovarianceMatrixAdaptation`; `inner` is evosax's, in units of the first spread around the start."""
+
+    proposal: Proposal
+    inner: Any
+    start: Float[Array, "dof"]
+    unit: Float[Array, "dof"]
+
+
+class CovarianceMatrixAdaptation(AbstractSampler):
+    """CMA-ES (Hansen, The CMA evolution strategy: a tutorial, 2016), the implementation of evosax behind `ask` and
+    `tell`. `step` is the first step size in units of the spread. Particles are folded back at the limits."""
+
+    num_particles: int = eqx.field(static=True, default=168)
+    num_iterations: int = eqx.field(static=True, default=25)
+    answer: Answer = eqx.field(static=True, default="best_if_better")
+    step: Knob = knob(0.6)
+
+    def _strategy(self, num_dofs: int):
+        try:
+            from evosax.algorithms import CMA_ES
+        except ImportError:
+            raise InputError(
+                "CMA-ES needs evosax, which is not installed; run pip install 'jaxmocap[bench]', or leave it out."
+            ) from None
+        strategy = CMA_ES(population_size=self.num_particles, solution=jnp.zeros(num_dofs))
+        return strategy, strategy.default_params.replace(std_init=self.step)
+
+    def init(
+        self,
+        key: PRNGKeyArray,
+        start: Float[Array, "dof"],
+        spread: Float[Array, "dof"],
+        lower: Float[Array, "dof"],
+        upper: Float[Array, "dof"],
+        population: Float[Array, "extra dof"] | None = None,
+    ) -> CovarianceState:
+        strategy, params = self._strategy(start.shape[0])
+        inner = strategy.init(key, jnp.zeros_like(start), params)
+        inner = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), inner)
+        start = jnp.clip(start, lower, upper)
+        still = jnp.zeros((self.num_particles,), start.dtype)
+        centres = jnp.broadcast_to(start, (self.num_particles, start.shape[0]))
+        proposal = Proposal(centres, jnp.diag(spread), still, lower, upper)
+        return CovarianceState(proposal, inner, start, spread.astype(start.dtype))
+
+    def ask(self, state: CovarianceState, key: PRNGKeyArray) -> Float[Array, "particle dof"]:
+        strategy, params = self._strategy(state.start.shape[0])
+        population, _ = strategy.ask(key, state.inner, params)
+        return reflect(state.start + population * state.unit, state.proposal.lower, state.proposal.upper)
+
+    def tell(
+        self,
+        state: CovarianceState,
+        particles: Float[Array, "particle dof"],
+        energies: Float[Array, "particle"],
+        key: PRNGKeyArray,
+    ) -> tuple[CovarianceState, StepInfo]:
+        strategy, params = self._strategy(state.start.shape[0])
+        energies = jnp.where(jnp.isfinite(energies), energies, jnp.inf)
+        worst = jnp.max(jnp.where(jnp.isfinite(energies), energies, -jnp.inf), initial=0.0)
+        fitness = jnp.where(jnp.isfinite(energies), energies, worst + 1.0).astype(particles.dtype)
+        active = state.unit > 0
+        population = jnp.where(active, (particles - state.start) / jnp.where(active, state.unit, 1.0), 0.0)
+        _, decomposed = strategy.ask(key, state.inner, params)  # the eigenvectors that this generation was drawn with
+        inner, _ = strategy.tell(key, population, fitness, decomposed, params)
+        inner = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), inner, state.inner)
+        after = CovarianceState(state.proposal, inner, state.start, state.unit)
+        info = StepInfo(
+            best_energy=jnp.min(energies).astype(particles.dtype),
+            effective_sample_size=jnp.asarray(self.num_particles / 2, particles.dtype),
+            beta=jnp.asarray(jnp.inf, particles.dtype),
+            spread=jnp.std(particles, axis=0),
+        )
+        return after, info
+
+    def result(self, state: CovarianceState) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
+        inner = state.inner
+        mean = reflect(state.start + inner.mean * state.unit, state.proposal.lower, state.proposal.upper)
+        deviation = inner.std * jnp.sqrt(jnp.maximum(jnp.diagonal(inner.C), 0.0)) * state.unit
+        return mean, deviation
+
+
+@dataclass(frozen=True)
+class CovarianceMatrixPlan(SearchPlan):
+    """A search by CMA-ES."""
+
+    def sampler(self, num_dofs: int, sigma_min: Float[Array, "dof"], share: float = 1.0) -> AbstractSampler:
+        return CovarianceMatrixAdaptation(
+            num_particles=self.count(num_dofs, share), num_iterations=self.iterations, answer=self.answer
+        )
+
+
+def covariance_matrix_adaptation(quality: Quality = "normal") -> Tracker:
+    """CMA-ES on Eq. 5 over all 39 degrees of freedom at once, in place of the hierarchical annealing and with its
+    budget; flow start and refinement are the tracker's."""
+    preset = Tracker.preset(quality)
+    assert preset.search is not None
+    CovarianceMatrixAdaptation()._strategy(1)
+    return replace(preset, search=CovarianceMatrixPlan(**_whole(preset.search)))

@@ -1,0 +1,57 @@
+"""Public data sets as captures. Nothing is downloaded: a reader says what to get and under which terms."""
+
+from pathlib import Path
+from typing import Protocol
+
+from jaxmocap._results import InputError
+
+from ._humaneva import HUMANEVA_1, HUMANEVA_2, HumanEva as HumanEva, read_calibration as read_calibration
+from ._sequence import (
+    RecordedCamera as RecordedCamera,
+    RecordedSequence as RecordedSequence,
+    StaticCalibration as StaticCalibration,
+    named,
+    write_sequence as write_sequence,
+)
+from ._tnt15 import TNT15 as TNT15
+
+
+class DatasetReader(Protocol):
+    """A reader of one data set: what to download, its licence, the sequences in a folder, and one of them."""
+
+    name: str
+    licence: str
+    download: str
+
+    def sequences(self, folder: Path) -> list[str]: ...
+
+    def read(self, folder: Path, sequence: str, cameras: tuple[str, ...] | None = None) -> RecordedSequence: ...
+
+
+DATASETS: dict[str, DatasetReader] = {"humaneva-1": HUMANEVA_1, "humaneva-2": HUMANEVA_2, "tnt15": TNT15()}
+
+
+def import_dataset(
+    dataset: str,
+    folder: str | Path,
+    out: str | Path,
+    *,
+    sequence: str | None = None,
+    cameras: tuple[str, ...] | None = None,
+    frames: tuple[int, int] | None = None,
+) -> Path:
+    """Make a capture of one sequence of a data set that lies in `folder`; returns `out`.
+
+    `dataset` is "humaneva-1", "humaneva-2" or "tnt15"; `sequence` such as "S1/Walking_1" may be left out where there is
+    only one; `cameras` replace the paper's; `frames` (start, stop) takes a part. The capture still needs keypoints at a
+    selected frame and, for HumanEva, an actor. Raises `InputError` for anything that is missing or cannot be.
+    """
+    if dataset not in DATASETS:
+        raise InputError(f"there is no reader for '{dataset}'; choose one of {', '.join(DATASETS)}.")
+    reader, folder = DATASETS[dataset], Path(folder)
+    found = reader.sequences(folder) if folder.is_dir() else []
+    if not found:
+        raise InputError(
+            f"{folder} holds no sequence of {reader.name}. Get it from {reader.download}. Licence: {reader.licence}."
+        )
+    return write_sequence(reader.read(folder, named(found, sequence, folder), cameras), Path(out), frames)

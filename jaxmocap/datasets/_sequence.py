@@ -1,0 +1,177 @@
+"""One recording of a public data set, and how it becomes a capture."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxmocap._atomic import atomic_folder, npz_bytes
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras, write_cameras
+from jaxmocap.capture import index_video
+from jaxmocap.viewers import open_video
+
+_PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm")
+
+
+@dataclass(frozen=True)
+class StaticCalibration:
+    """A camera that does not move: `intrinsics` with the centre of the first pixel at (0, 0), `distortion` k1 k2 p1 p2
+    k3, `rotation` and `translation` (metres) from the world to the camera."""
+
+    intrinsics: Float[np.ndarray, "3 3"]
+    distortion: Float[np.ndarray, "5"]
+    rotation: Float[np.ndarray, "3 3"]
+    translation: Float[np.ndarray, "3"]
+
+
+@dataclass(frozen=True)
+class RecordedCamera:
+    """A camera's name, its pictures (a video, or a folder of images), when they began (seconds, added to their own
+    time), and its calibration."""
+
+    name: str
+    pictures: Path
+    calibration: StaticCalibration
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class RecordedSequence:
+    """What a reader finds. `markers (sample, marker, 3)` are metres in the world, NaN where not seen, at `times`
+    (seconds of the first camera). `up` is the world's vertical axis. `actor` is the subject's mesh, if there is one."""
+
+    name: str
+    fps: float
+    up: str
+    cameras: tuple[RecordedCamera, ...]
+    markers: Float[np.ndarray, "sample marker 3"] | None = None
+    times: Float[np.ndarray, " sample"] | None = None
+    actor: Path | None = None
+
+
+def write_sequence(sequence: RecordedSequence, out: Path, frames: tuple[int, int] | None = None) -> Path:
+    """The recording as a capture folder, whole or not at all: videos (copied; folders of images and cut ones encoded
+    with hardly any loss), static cameras, truth, and `capture.toml`. `frames` (start, stop) takes a part."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out} exists already; choose a new folder for the capture.")
+    with atomic_folder(out) as folder:
+        entries, sizes, start = [], [], 0.0
+        for number, camera in enumerate(sequence.cameras):
+            name = _write_pictures(camera, sequence.fps, frames, folder)
+            sizes.append(index_video(folder / name).size)
+            entries.append(f'[[camera]]\nname = "{camera.name}"\nvideo = "{name}"\noffset = {camera.offset:.6f}\n')
+            if number == 0 and frames is not None:
+                start = frames[0] / sequence.fps
+        cameras = _cameras(sequence, sizes)
+        write_cameras(cameras, folder / "cameras.toml", "aniposelib")
+        lines = [f'name = "{sequence.name}"', f"fps = {sequence.fps:g}", 'units = "metres"', f'up = "{sequence.up}"']
+        lines.append('cameras = "cameras.toml"')
+        if sequence.actor is not None:
+            shutil.copyfile(sequence.actor, folder / f"actor{sequence.actor.suffix}")
+            lines.append(f'actor = "actor{sequence.actor.suffix}"')
+        if sequence.markers is not None and sequence.times is not None:
+            kept = sequence.times >= start - 1e-9
+            truth = {"markers": sequence.markers[kept], "timestamps": sequence.times[kept] - start}
+            (folder / "truth.npz").write_bytes(npz_bytes(truth))
+            lines.append('truth = "truth.npz"')
+        (folder / "capture.toml").write_text("\n".join([*lines, "", *entries]), encoding="utf-8")
+    return out
+
+
+def _cameras(sequence: RecordedSequence, sizes: list[tuple[int, int]]) -> Cameras:
+    count = len(sequence.cameras)
+    poses, intrinsics = np.tile(np.eye(4), (count, 1, 1, 1)), np.zeros((count, 3, 3))
+    for index, camera in enumerate(sequence.cameras):
+        poses[index, 0, :3, :3] = camera.calibration.rotation
+        poses[index, 0, :3, 3] = camera.calibration.translation
+        intrinsics[index] = camera.calibration.intrinsics
+        intrinsics[index, :2, 2] += 0.5
+    distortion = np.stack([camera.calibration.distortion for camera in sequence.cameras])
+    return Cameras(
+        names=tuple(camera.name for camera in sequence.cameras),
+        sizes=tuple(sizes),
+        intrinsics=jnp.asarray(intrinsics, jnp.float32),
+        distortion=jnp.asarray(distortion, jnp.float32),
+        cam_from_world=jnp.asarray(poses, jnp.float32),
+    )
+
+
+def _write_pictures(camera: RecordedCamera, fps: float, frames: tuple[int, int] | None, folder: Path) -> str:
+    if camera.pictures.is_file() and frames is None:
+        shutil.copyfile(camera.pictures, folder / f"{camera.name}{camera.pictures.suffix}")
+        return f"{camera.name}{camera.pictures.suffix}"
+    name, rate = f"{camera.name}.mp4", Fraction(fps).limit_denominator(1001)
+    with open_video(folder / name, quality=4) as writer:
+        for number, image in enumerate(_images(camera.pictures, frames)):
+            writer.write(float(number / rate), image)
+    return name
+
+
+def _images(pictures: Path, frames: tuple[int, int] | None):
+    first, stop = frames if frames is not None else (0, None)
+    if pictures.is_dir():
+        for path in sorted_pictures(pictures)[first:stop]:
+            image = cv2.imread(str(path))
+            if image is None:
+                raise InputError(f"the picture {path} cannot be read.")
+            yield image[..., ::-1]
+        return
+    video = cv2.VideoCapture(str(pictures))
+    number = 0
+    while stop is None or number < stop:
+        done, image = video.read()
+        if not done:
+            break
+        if number >= first:
+            yield image[..., ::-1]
+        number += 1
+    video.release()
+
+
+def sorted_pictures(folder: Path) -> list[Path]:
+    """The images of a folder, by the last number in their names."""
+    found = [path for path in folder.iterdir() if path.suffix.lower() in _PICTURES]
+    if not found:
+        raise InputError(f"the folder {folder} holds no pictures ({', '.join(_PICTURES)}).")
+
+    def number(path: Path) -> tuple[int, str]:
+        digits = "".join(c if c.isdigit() else " " for c in path.stem).split()
+        return (int(digits[-1]) if digits else -1, path.name)
+
+    return sorted(found, key=number)
+
+
+def need(path: Path, what: str) -> Path:
+    """The path, if it exists; else one sentence."""
+    if not path.exists():
+        raise InputError(f"{path} is not there; {what} was expected.")
+    return path
+
+
+def numbers_in(path: Path, count: int | None = None) -> np.ndarray:
+    """The numbers of a text file, commas and line ends alike. `InputError` if there are not `count` of them."""
+    need(path, "a text file of numbers")
+    try:
+        found = np.array(path.read_text().replace(",", " ").split(), float)
+    except (ValueError, UnicodeDecodeError):
+        raise InputError(f"{path} holds something that is no number.") from None
+    if count is not None and len(found) < count:
+        raise InputError(f"{path} holds {len(found)} numbers; {count} were expected.")
+    return found
+
+
+def named(found: Sequence[str], wanted: str | None, where: Path) -> str:
+    """The sequence asked for, or the only one there is."""
+    if wanted is None and len(found) == 1:
+        return found[0]
+    if wanted is None or wanted not in found:
+        said = "none is asked for" if wanted is None else f"'{wanted}' is not there"
+        raise InputError(f"{where} holds {', '.join(found) or 'no sequence'}; {said}: name one with --sequence.")
+    return wanted

@@ -1,0 +1,197 @@
+"""Doing one run: open, register, fit the appearance, track, evaluate. What runs share is prepared once."""
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmocap._complete import with_person_masks, with_selected_frames
+from jaxmocap._pipeline import open_character
+from jaxmocap._results import InputError
+from jaxmocap._runtime import versions
+from jaxmocap.appearance import Appearance
+from jaxmocap.baselines import method
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import Capture, Detections
+from jaxmocap.character import Character, Pose
+from jaxmocap.geometry import so3_exp
+from jaxmocap.metrics import evaluate
+from jaxmocap.motion import Motion
+from jaxmocap.observation import fit_capture_appearance
+from jaxmocap.track import (
+    FrameResult,
+    Tracker,
+    appearance_preset,
+    key_poses_of,
+    motion_of,
+    observe,
+    register,
+    track_frames,
+    with_settings,
+)
+
+from ._run import Inputs, Run
+from ._suite import DETECTIONS, CaptureSpec, capture_hash, film
+
+_MOST_MAPS = 30_000
+"""Memory maps of the process beyond which compiled programs are dropped; the kernel allows 65,530."""
+
+
+class Prepared(NamedTuple):
+    """What the runs of one capture and one set of inputs share."""
+
+    capture: Capture
+    cameras: Cameras
+    character: Character
+    key_poses: dict[int, Pose]
+    hash: str
+
+
+def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
+    """The record of a finished run, one row of the table, and its motion.
+
+    The synthetic captures of a suite are filmed into `captures` when they are first needed. Raises whatever the run
+    raises.
+    """
+    _make_room()
+    begin, used = time.perf_counter(), time.process_time()
+    key = jax.random.key(run.seed)
+    folder = film(run.capture, captures) if isinstance(run.capture, CaptureSpec) else Path(run.capture)
+    prepared = _prepare(folder, run.inputs, run.seed)
+    capture = prepared.capture
+    appearance = _appearance(folder, run.inputs, run.seed, run.quality, tuple(sorted(run.appearance.items())))
+    detections = None
+    if (capture.folder / DETECTIONS).is_dir():
+        detections = Detections.open(capture, capture.folder / DETECTIONS)
+    observations = observe(capture, prepared.cameras, prepared.character, appearance, prepared.key_poses, detections)
+    tracker = method(run.method, run.quality)
+    if run.settings:
+        if not isinstance(tracker, Tracker):
+            raise InputError(f"method '{run.method}' has no settings of the tracker; leave {list(run.settings)} out.")
+        tracker = with_settings(tracker, run.settings)
+    ready = time.perf_counter()
+    results = track_frames(observations, tracker, key=jax.random.fold_in(key, 3), frames=run.frames)
+    motion = motion_of(observations, results, {"method": run.method}, tracker.verdict)
+    done, spent = time.perf_counter(), time.process_time() - used
+    scores = evaluate(motion, capture.truth) if capture.truth is not None else {}
+    return _record(run, prepared.hash, scores, motion, results, done - begin, done - ready, spent), motion
+
+
+def _record(
+    run: Run,
+    hashed: str,
+    scores: dict[str, Any],
+    motion: Motion,
+    results: Sequence[FrameResult],
+    wall: float,
+    tracking: float,
+    cpu: float,
+) -> dict[str, Any]:
+    """The row: settings, seed, versions, capture hash and what came out; seconds."""
+    seconds = [sum(result.seconds.values()) for result in results][1:] or [float("nan")]
+    markers, joints = scores.get("marker_error_cm", {}), scores.get("joint_error_cm", {})
+    return {
+        "key": run.key,
+        "status": "done",
+        "capture": run.capture_name,
+        "capture_hash": hashed,
+        **{name: value for name, value in run.described().items() if name != "capture"},
+        "frames_tracked": len(motion),
+        "frames_lost": int((motion.status == "lost").sum()),
+        "marker_error_cm": markers.get("mean"),
+        "marker_error_max_cm": markers.get("max"),
+        "marker_error_p95_cm": markers.get("p95"),
+        "joint_error_cm": joints.get("mean"),
+        "joint_error_p95_cm": joints.get("p95"),
+        "pa_mpjpe_cm": scores.get("pa_mpjpe_cm"),
+        "error_per_frame_cm": scores.get("marker_error_per_frame_cm"),
+        "frame_numbers": motion.frames.tolist(),
+        "seconds_per_frame": float(np.median(seconds)),
+        "seconds_tracking": tracking,
+        "seconds": wall,
+        "cpu_seconds": cpu,
+        "device": str(jax.devices()[0]),
+        "versions": versions(),
+    }
+
+
+@lru_cache(maxsize=3)
+def _prepare(folder: Path, inputs: Inputs, seed: int) -> Prepared:
+    capture, key = Capture.open(folder), jax.random.key(seed)
+    beyond = [frame for frame in inputs.selected if frame >= capture.num_frames]
+    if beyond:
+        raise InputError(f"frame {beyond[0]} is selected, but '{capture.name}' has {capture.num_frames} frames.")
+    capture = capture.with_selected_frames(inputs.selected) if inputs.selected else with_selected_frames(capture)[0]
+    selected = capture.selected_frames or (0,)
+    rng = np.random.default_rng([seed, 17])
+    cameras = _shaken(capture.cameras, rng, inputs)
+    character = _roughened(open_character(capture), rng, inputs.mesh_millimetres)
+    capture, _ = with_person_masks(capture, character, key=jax.random.fold_in(key, 4))
+    if inputs.start == "truth":
+        key_poses = {frame: _true_pose(capture, frame) for frame in selected}
+    else:
+        key_poses = key_poses_of(register(capture, cameras, character, selected, key=jax.random.fold_in(key, 1)))
+    return Prepared(capture, cameras, character, key_poses, capture_hash(capture.folder))
+
+
+@lru_cache(maxsize=3)
+def _appearance(folder: Path, inputs: Inputs, seed: int, quality, changes: tuple[tuple[str, Any], ...]) -> Appearance:
+    prepared = _prepare(folder, inputs, seed)
+    return fit_capture_appearance(
+        prepared.capture,
+        prepared.cameras,
+        prepared.character,
+        prepared.key_poses,
+        key=jax.random.fold_in(jax.random.key(seed), 2),
+        settings=with_settings(appearance_preset(quality), dict(changes)),
+    )
+
+
+def _true_pose(capture: Capture, frame: int) -> Pose:
+    if capture.truth is None:
+        raise InputError(f"'{capture.name}' has no truth, from which the first pose was to be taken.")
+    with np.load(capture.truth, allow_pickle=False) as truth:
+        if "root" not in truth or "angles" not in truth:
+            raise InputError(f"{capture.truth} holds no poses (root, angles), only a synthetic capture's does.")
+        return Pose(jnp.asarray(truth["root"][frame]), jnp.asarray(truth["angles"][frame]))
+
+
+def _shaken(cameras: Cameras, rng: np.random.Generator, inputs: Inputs) -> Cameras:
+    """Every camera turned about its own centre and moved, by the same amount in all frames."""
+    if not (inputs.camera_degrees or inputs.camera_centimetres):
+        return cameras
+    count = cameras.num_cameras
+    turn = np.radians(inputs.camera_degrees) * rng.standard_normal((count, 3)) / np.sqrt(3)
+    shift = 0.01 * inputs.camera_centimetres * rng.standard_normal((count, 3)) / np.sqrt(3)
+    noise = np.tile(np.eye(4), (count, 1, 1))
+    noise[:, :3, :3], noise[:, :3, 3] = np.asarray(jax.vmap(so3_exp)(jnp.asarray(turn))), shift
+    moved = np.einsum("cij,cfjk->cfik", noise, np.asarray(cameras.cam_from_world, np.float64))
+    return replace(cameras, cam_from_world=jnp.asarray(moved, jnp.float32))
+
+
+def _roughened(character: Character, rng: np.random.Generator, millimetres: float) -> Character:
+    """Every vertex moved along its normal."""
+    if not millimetres:
+        return character
+    vertices, faces = np.asarray(character.vertices, np.float64), np.asarray(character.faces)
+    corners = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(vertices)
+    np.add.at(normals, faces.reshape(-1), np.repeat(across, 3, axis=0))
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    moved = vertices + 1e-3 * millimetres * rng.standard_normal((len(vertices), 1)) * normals
+    return replace(character, vertices=jnp.asarray(moved, jnp.float32))
+
+
+def _make_room() -> None:
+    """Drop compiled programs before the process runs out of memory maps (Linux)."""
+    maps = Path(f"/proc/{os.getpid()}/maps")
+    if maps.is_file() and len(maps.read_bytes().splitlines()) > _MOST_MAPS:
+        jax.clear_caches()

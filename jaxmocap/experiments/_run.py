@@ -1,0 +1,76 @@
+"""One run of an experiment: a method on a capture with some settings and a seed; its record."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from ._suite import CaptureSpec
+
+Start = Literal["registered", "truth"]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a method is given, beyond the capture. `selected` are the frames of Gamma used (none: the capture's own, or
+    chosen as `track` does), `start` where their poses come from ("truth" for captures of a single camera, which cannot
+    be registered). Noise is what is added to the cameras (degrees and centimetres, one draw per camera and seed) and to
+    the mesh (millimetres along its normals)."""
+
+    selected: tuple[int, ...] = (0,)
+    start: Start = "registered"
+    camera_degrees: float = 0.0
+    camera_centimetres: float = 0.0
+    mesh_millimetres: float = 0.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """`capture` is a suite's capture or the folder of a real one. `settings` change the tracker (`with_settings`),
+    `appearance` the appearance, by dotted names."""
+
+    capture: CaptureSpec | str
+    method: str = "ours"
+    quality: Literal["draft", "normal", "paper"] = "normal"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    appearance: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Inputs = field(default_factory=Inputs)
+    frames: tuple[int, int] | None = None
+    seed: int = 0
+
+    @property
+    def capture_name(self) -> str:
+        """Of the suite, or of the folder."""
+        return self.capture.name if isinstance(self.capture, CaptureSpec) else Path(self.capture).resolve().name
+
+    def described(self) -> dict[str, Any]:
+        """All that tells this run from others, as JSON knows it."""
+        capture = self.capture.key if isinstance(self.capture, CaptureSpec) else str(Path(self.capture).resolve())
+        return {
+            "capture": capture,
+            "method": self.method,
+            "quality": self.quality,
+            "settings": dict(self.settings),
+            "appearance": dict(self.appearance),
+            "inputs": asdict(self.inputs),
+            "frames": self.frames,
+            "seed": self.seed,
+        }
+
+    @property
+    def key(self) -> str:
+        """Names the run's files: equal runs of several experiments are done once."""
+        digest = hashlib.sha256(json.dumps(self.described(), sort_keys=True).encode()).hexdigest()[:12]
+        return f"{self.capture_name}-{self.method}-{digest}"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run's place in an experiment: the factor that is varied and its value."""
+
+    experiment: str
+    factor: str
+    value: str
+    run: Run

@@ -1,0 +1,64 @@
+"""How an answer moves with a setting, without finding it anew: the implicit function theorem at a minimum."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+Objective = Callable[[Float[Array, "unknown"], Float[Array, "*setting"]], Float[Array, ""]]
+
+
+class Sensitivity(NamedTuple):
+    """`slope (unknown, *setting)`: the derivative of the minimum. `gradient (unknown)` should be zero at a minimum and
+    `curvature (unknown)`, the eigenvalues of the Hessian, positive."""
+
+    slope: Float[Array, "unknown *setting"]
+    gradient: Float[Array, "unknown"]
+    curvature: Float[Array, "unknown"]
+
+
+@eqx.filter_jit
+def sensitivity(
+    objective: Objective, minimum: Float[Array, "unknown"], setting: Float[Array, "*setting"]
+) -> Sensitivity:
+    """`d x* / d setting = -H^-1 d^2 E / (dx d setting)` for `x* = argmin_x E(x, setting)`.
+
+    Valid where the gradient vanishes and the Hessian H is positive: look at `gradient` and `curvature`. Directions of
+    no curvature (smaller than 1e-6 of the largest) are left out, since the minimum does not say where it is along them.
+    """
+    gradient = jax.grad(objective)
+    hessian = jax.jacfwd(gradient)(minimum, setting)
+    mixed = jax.jacfwd(gradient, argnums=1)(minimum, setting)
+    values, vectors = jnp.linalg.eigh(0.5 * (hessian + hessian.T))
+    keep = values > 1e-6 * jnp.abs(values).max()
+    inverse = jnp.where(keep, 1.0 / jnp.where(keep, values, 1.0), 0.0)
+    slope = -jnp.tensordot((vectors * inverse) @ vectors.T, mixed, axes=1)
+    return Sensitivity(slope, gradient(minimum, setting), values)
+
+
+def newton(
+    objective: Objective, start: Float[Array, "unknown"], setting: Float[Array, "*setting"], steps: int = 20
+) -> Float[Array, "unknown"]:
+    """The minimum near `start` by damped Newton steps, each halved until the objective falls."""
+    value = eqx.filter_jit(objective)
+    slope = eqx.filter_jit(jax.grad(objective))
+    curve = eqx.filter_jit(jax.jacfwd(jax.grad(objective)))
+    here, best = start, float(value(start, setting))
+    for _ in range(steps):
+        values, vectors = jnp.linalg.eigh(curve(here, setting))
+        floor = 1e-4 * jnp.abs(values).max()
+        step = -vectors @ ((vectors.T @ slope(here, setting)) / jnp.maximum(jnp.abs(values), floor))
+        for _ in range(12):
+            there = float(value(here + step, setting))
+            if there < best:
+                break
+            step = 0.5 * step
+        else:
+            return here
+        gained, here, best = best - there, here + step, there
+        if gained < 1e-9 * max(abs(best), 1e-9):
+            return here
+    return here

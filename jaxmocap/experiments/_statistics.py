@@ -1,0 +1,69 @@
+"""Medians, spread and paired differences; never the best of many."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+_SAMPLES = 10_000
+
+
+class Summary(NamedTuple):
+    """Of the errors of several runs, centimetres: how many are finite, their median, and the quartiles."""
+
+    count: int
+    median: float
+    low: float
+    high: float
+
+
+class Difference(NamedTuple):
+    """A paired comparison: the median of theirs minus ours over the pairs, and its bootstrap interval."""
+
+    pairs: int
+    median: float
+    low: float
+    high: float
+
+    @property
+    def sure(self) -> bool:
+        """Whether the interval excludes zero."""
+        return self.low > 0 or self.high < 0
+
+
+def summary(values: Iterable[float | None]) -> Summary:
+    """NaN and None do not count."""
+    known = np.array([value for value in values if value is not None and np.isfinite(value)], float)
+    if not len(known):
+        return Summary(0, float("nan"), float("nan"), float("nan"))
+    return Summary(len(known), *(float(np.percentile(known, share)) for share in (50, 25, 75)))
+
+
+def paired_difference(
+    ours: Float[np.ndarray, "pair"], theirs: Float[np.ndarray, "pair"], share: float = 0.95, seed: int = 0
+) -> Difference:
+    """The median of `theirs - ours`, with the interval that holds this share of the medians of resampled pairs (the
+    percentile bootstrap, Efron 1979). Pairs in which one is not finite do not count; fewer than two have no interval.
+    """
+    both = np.isfinite(ours) & np.isfinite(theirs)
+    gaps = (np.asarray(theirs, float) - np.asarray(ours, float))[both]
+    if len(gaps) == 0:
+        return Difference(0, float("nan"), float("nan"), float("nan"))
+    if len(gaps) == 1:
+        return Difference(1, float(gaps[0]), float("nan"), float("nan"))
+    rng = np.random.default_rng(seed)
+    medians = np.median(gaps[rng.integers(0, len(gaps), (_SAMPLES, len(gaps)))], axis=1)
+    low, high = np.percentile(medians, [50 * (1 - share), 50 * (1 + share)])
+    return Difference(len(gaps), float(np.median(gaps)), float(low), float(high))
+
+
+def compare(ours: Sequence[dict[str, Any]], theirs: Sequence[dict[str, Any]], metric: str) -> Difference:
+    """`paired_difference` of two sets of rows, paired by capture and seed."""
+    values = [
+        {(row["capture"], row["seed"]): row.get(metric) for row in rows if row["status"] == "done"}
+        for rows in (ours, theirs)
+    ]
+    shared = sorted(set(values[0]) & set(values[1]))
+    mine, others = ([np.nan if found[pair] is None else found[pair] for pair in shared] for found in values)
+    return paired_difference(np.array(mine, float), np.array(others, float))

@@ -1,0 +1,116 @@
+"""Many runs: each is done once, whatever happens to the others or to the process."""
+
+import json
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from jaxmocap._atomic import write_json
+from jaxmocap._results import InputError
+
+from ._perform import perform
+from ._run import Run
+
+RUNS, CAPTURES, MOTIONS = "runs", "captures", "motions"
+Report = Callable[[str, int, int], None]
+
+
+def sweep(
+    runs: Iterable[Run],
+    out: Path,
+    *,
+    captures: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    retry_failed: bool = False,
+    progress: Report | None = None,
+) -> list[dict[str, Any]]:
+    """The records of all runs, in order; equal runs are done once.
+
+    A finished run is `out/runs/<key>.json`, written atomically with its motion in `out/motions`, and is never done
+    again: a sweep that was killed goes on where it stopped. A run that fails is recorded with its error and does not
+    stop the rest; `retry_failed` does those again. Synthetic captures are kept in `captures` (default `out/captures`).
+
+    `workers` processes share the runs through Dask where the extra `cluster` is installed: by default one for every
+    four cores, and 0 or 1 stay in this process. `scheduler` is the address or scheduler file of a Dask cluster that is
+    running, on several machines say; `out` must then be a folder that all of them see.
+    """
+    captures = out / CAPTURES if captures is None else captures
+    for folder in (out / RUNS, out / MOTIONS, captures):
+        folder.mkdir(parents=True, exist_ok=True)
+    todo = {run.key: run for run in runs}
+    known = {key: read_record(out, key) for key in todo}
+    again = ("failed",) if retry_failed else ()
+    open_runs = [run for key, run in todo.items() if (found := known[key]) is None or found["status"] in again]
+    done, total = len(todo) - len(open_runs), len(todo)
+    tell = progress or (lambda stage, done, total: None)
+    tell("runs", done, total)
+    for record in _records(_by_capture(open_runs), out, captures, workers, scheduler):
+        known[record["key"]] = record
+        done += 1
+        tell("runs", done, total)
+    return [record for record in known.values() if record is not None]
+
+
+def read_record(out: Path, key: str) -> dict[str, Any] | None:
+    """The record of a run that is finished or has failed."""
+    path = out / RUNS / f"{key}.json"
+    return json.loads(path.read_text()) if path.is_file() else None
+
+
+def attempt(run: Run, out: Path, captures: Path) -> dict[str, Any]:
+    """Do one run and write its record, whatever comes of it. Only interruptions pass through."""
+    begin = time.perf_counter()
+    try:
+        record, motion = perform(run, captures)
+        motion.save(out / MOTIONS / run.key, overwrite=True)
+    except Exception as error:
+        usual = isinstance(error, InputError)
+        message = str(error) if usual else "".join(traceback.format_exception_only(error)).strip()
+        record = {
+            "key": run.key,
+            "status": "failed",
+            **{name: value for name, value in run.described().items() if name != "capture"},
+            "capture": run.capture_name,
+            "error": message,
+            "traceback": None if usual else traceback.format_exc(),
+            "seconds": time.perf_counter() - begin,
+        }
+    write_json(out / RUNS / f"{run.key}.json", record)
+    return record
+
+
+def _by_capture(runs: Sequence[Run]) -> list[Run]:
+    """Runs that share a registration beside each other."""
+    return sorted(runs, key=lambda run: (run.capture_name, str(run.inputs), run.seed, str(run.appearance)))
+
+
+def _records(
+    runs: Sequence[Run], out: Path, captures: Path, workers: int | None, scheduler: str | None
+) -> Iterator[dict[str, Any]]:
+    try:
+        import distributed
+    except ImportError:
+        if (workers or 0) > 1 or scheduler is not None:
+            raise InputError(
+                "several workers need Dask, which is not installed; run pip install 'jaxmocap[cluster]', or leave "
+                "--workers and --scheduler out."
+            ) from None
+        distributed = None
+    workers = (os.cpu_count() or 1) // 4 if workers is None else workers
+    if distributed is None or (scheduler is None and (workers < 2 or len(runs) < 2)):
+        yield from (attempt(run, out, captures) for run in runs)
+        return
+    if scheduler is not None and Path(scheduler).is_file():
+        client = distributed.Client(scheduler_file=scheduler)
+    elif scheduler is not None:
+        client = distributed.Client(scheduler)
+    else:
+        client = distributed.Client(n_workers=min(workers, len(runs)), threads_per_worker=1, dashboard_address=None)
+    with client:
+        futures = [client.submit(attempt, run, out.resolve(), captures.resolve(), pure=False) for run in runs]
+        for _, record in distributed.as_completed(futures, with_results=True):
+            yield record

@@ -1,0 +1,176 @@
+"""Small files in the forms of HumanEva and TNT15, written here, become captures."""
+
+import subprocess
+import sys
+
+import cv2
+import ezc3d
+import numpy as np
+import pytest
+
+from jaxmocap._results import InputError
+from jaxmocap.capture import Capture
+from jaxmocap.datasets import DATASETS, import_dataset, read_calibration
+from jaxmocap.viewers import open_video
+
+SIZE = (64, 48)
+TURNS = [cv2.Rodrigues(np.array([1.2 + 0.1 * k, 0.3 * k, 0.1]))[0] for k in range(4)]
+
+
+def shade(frame: int) -> int:
+    return 20 + 20 * frame
+
+
+def write_cal(path, index: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    numbers = [
+        70 + index, 71 + index, 31.5, 23.5, 0, -0.2, 0.05, 0.001, -0.001, 0,
+        *TURNS[index].ravel(), 100 * index, 50, 4000,
+    ]  # fmt: skip
+    path.write_text("\n".join(f"{number:.10g}" for number in numbers) + "\n")
+
+
+def write_movie(path, count: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open_video(path.with_suffix(".mp4"), quality=4) as writer:
+        for frame in range(count):
+            writer.write(frame / 60, np.full((SIZE[1], SIZE[0], 3), shade(frame), np.uint8))
+    path.with_suffix(".mp4").rename(path)
+
+
+def write_pictures(folder, count: int) -> None:
+    folder.mkdir(parents=True)
+    for frame in range(count):
+        cv2.imwrite(str(folder / f"image_{frame + 1}.png"), np.full((SIZE[1], SIZE[0], 3), shade(frame), np.uint8))
+
+
+def write_markers(path, count: int) -> None:
+    """Marker 0 moves 1 mm along x per mocap frame, marker 1 is not seen in the first ones."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [120.0]
+    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["LFWT", "RFWT"]
+    points = np.ones((4, 2, count))
+    points[:3, 0] = np.stack([np.arange(count), np.full(count, 500.0), np.full(count, 900.0)])
+    points[:3, 1] = 700.0
+    points[:3, 1, :12] = 0.0
+    file["data"]["points"] = points
+    file.write(str(path))
+
+
+@pytest.fixture
+def humaneva(tmp_path):
+    """Image 3 of C1 shows mocap frame 7: its first image was taken at mocap frame 3."""
+    base = tmp_path / "data" / "S1"
+    for index, (camera, image) in enumerate((("C1", 3), ("C2", 3), ("C3", 4))):
+        write_cal(base / "Calibration_Data" / f"{camera}.cal", index)
+        write_movie(base / "Image_Data" / f"Walking_1_({camera}).avi", 6)
+        (base / "Sync_Data").mkdir(exist_ok=True)
+        (base / "Sync_Data" / f"Walking_1_({camera}).ofs").write_text(f"{image}\n7\n2\n")
+    write_markers(base / "Mocap_Data" / "Walking_1.c3d", 40)
+    return tmp_path / "data"
+
+
+def test_a_take_of_humaneva_becomes_a_capture(humaneva, tmp_path):
+    capture = Capture.open(import_dataset("humaneva-1", humaneva, tmp_path / "walk"))
+    assert capture.camera_names == ("C1", "C2", "C3")
+    assert capture.up == "z"
+    cameras = capture.cameras
+    np.testing.assert_allclose(np.asarray(cameras.cam_from_world)[:, 0, :3, :3], TURNS[:3], atol=1e-6)
+    np.testing.assert_allclose(np.asarray(cameras.cam_from_world)[:, 0, :3, 3], [[0.1 * k, 0.05, 4] for k in range(3)])
+    np.testing.assert_allclose(np.asarray(cameras.intrinsics)[1], [[71, 0, 32], [0, 72, 24], [0, 0, 1]], atol=1e-5)
+    np.testing.assert_allclose(np.asarray(cameras.distortion)[0], [-0.2, 0.05, 0.001, -0.001, 0], atol=1e-7)
+    # C3 shows the same instant one image later, so it began one image earlier
+    np.testing.assert_allclose(capture.offsets, [0, 0, -1 / 60], atol=1e-6)
+    assert capture.video_frames[2, 0] == capture.video_frames[0, 0] + 1
+    with np.load(capture.truth) as truth:
+        markers, times = truth["markers"], truth["timestamps"]
+    at_first = np.interp(0.0, times, markers[:, 0, 0])
+    assert at_first == pytest.approx(0.002)  # the third mocap frame
+    np.testing.assert_allclose(np.interp(2 / 60, times, markers[:, 0, 0]), 0.006)  # image 3: the seventh
+    assert np.isnan(markers[0, 1]).all()
+    np.testing.assert_allclose(markers[-1, 1], 0.7)
+
+
+def test_a_part_of_a_take_keeps_its_time(humaneva, tmp_path):
+    capture = Capture.open(import_dataset("humaneva-1", humaneva, tmp_path / "part", frames=(2, 5)))
+    assert capture.indices[0].num_frames == 3
+    assert abs(int(capture.image(0, 0).mean()) - shade(2)) < 4
+    with np.load(capture.truth) as truth:
+        assert np.interp(0.0, truth["timestamps"], truth["markers"][:, 0, 0]) == pytest.approx(0.006)
+
+
+def test_humaneva_2_reads_folders_of_pictures_and_takes_three_cameras(tmp_path):
+    base = tmp_path / "data" / "S4"
+    for index in range(4):
+        camera = f"C{index + 1}"
+        write_cal(base / "Calibration_Data" / f"{camera}.cal", index)
+        write_pictures(base / "Image_Data" / f"Combo_1_({camera})", 11)
+        (base / "Sync_Data").mkdir(exist_ok=True)
+        (base / "Sync_Data" / f"Combo_1_({camera}).ofs").write_text("1 1 2")
+    capture = Capture.open(import_dataset("humaneva-2", tmp_path / "data", tmp_path / "combo"))
+    assert capture.camera_names == ("C1", "C2", "C3")
+    assert capture.num_frames == 11
+    assert capture.truth is None
+    assert [abs(int(capture.image(1, frame).mean()) - shade(frame)) < 4 for frame in (0, 1, 9, 10)] == [True] * 4
+    four = import_dataset("humaneva-2", tmp_path / "data", tmp_path / "four", cameras=("C1", "C2", "C3", "C4"))
+    assert Capture.open(four).num_cameras == 4
+
+
+def test_tnt15_takes_the_cameras_of_the_paper(tmp_path):
+    base = tmp_path / "data" / "mr_01"
+    for camera in range(6):
+        write_pictures(base / "Images" / str(camera), 3)
+        (base / "Calibration").mkdir(exist_ok=True)
+        turn = TURNS[camera % 4]
+        pose = np.column_stack([turn, [0, 100.0, 3000.0]])
+        numbers = [*np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1.0]]).ravel(), *pose.ravel()]
+        (base / "Calibration" / f"{camera}.txt").write_text(" ".join(f"{number:.9g}" for number in numbers))
+    capture = Capture.open(import_dataset("tnt15", tmp_path / "data", tmp_path / "out"))
+    assert capture.camera_names == ("cam0", "cam2", "cam4")
+    assert capture.fps == pytest.approx(50)
+    np.testing.assert_allclose(np.asarray(capture.cameras.cam_from_world)[1, 0, :3, 3], [0, 0.1, 3], atol=1e-6)
+
+
+@pytest.mark.parametrize("dataset", sorted(DATASETS))
+def test_an_empty_folder_says_what_to_get_and_its_licence(dataset, tmp_path):
+    with pytest.raises(InputError, match=r"Get it from http.*Licence: free for research"):
+        import_dataset(dataset, tmp_path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_mistakes_are_one_sentence_and_leave_nothing(humaneva, tmp_path):
+    def refused(text, **changes):
+        arguments = {"dataset": "humaneva-1", "folder": humaneva, "out": tmp_path / "out"} | changes
+        with pytest.raises(InputError, match=text):
+            import_dataset(**arguments)
+        assert not (tmp_path / "out").exists()
+
+    refused("no reader for 'h36m'", dataset="h36m")
+    refused("'S1/Jog_1' is not there", sequence="S1/Jog_1")
+    refused("C9.*is not there", cameras=("C1", "C9"))
+    cal = humaneva / "S1" / "Calibration_Data" / "C2.cal"
+    whole = cal.read_text()
+    cal.write_text("\n".join(whole.splitlines()[:12]))
+    refused("12 numbers; 22 were expected")
+    cal.write_text(whole.replace("71", "-71"))
+    refused("no camera")
+    cal.write_text(whole + "x")
+    refused("no number")
+
+
+def test_distortion_and_rotation_survive_a_calibration_file(tmp_path):
+    write_cal(tmp_path / "C1.cal", 2)
+    found = read_calibration(tmp_path / "C1.cal")
+    np.testing.assert_allclose(found.rotation, TURNS[2], atol=1e-8)
+    np.testing.assert_allclose(found.translation, [0.2, 0.05, 4.0])
+
+
+def test_the_command_makes_the_same_capture(humaneva, tmp_path):
+    out = tmp_path / "walk"
+    command = [sys.executable, "-m", "jaxmocap", "import-dataset", "humaneva-1", str(humaneva), "--out", str(out)]
+    answer = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
+    assert '"cameras"' in answer.stdout
+    assert (out / "capture.toml").is_file()
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 2

@@ -1,0 +1,154 @@
+"""`bench` from the list of trials to files and exit codes, with runs that take no time; and one real one."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxmocap._cli import run as command
+from jaxmocap._results import InputError
+from jaxmocap.baselines import METHODS
+from jaxmocap.experiments import STORIES, CaptureSpec, Inputs, Run, _bench, _sweep, bench, paper, perform, without
+from jaxmocap.synthetic import make_capture, write_capture
+from jaxmocap.track import Tracker, appearance_preset, with_settings
+
+
+class Nothing:
+    """Stands for a motion."""
+
+    def save(self, folder, overwrite=False):
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+@pytest.fixture
+def quick_runs(monkeypatch):
+    """Every method is as good as its place in the list."""
+    offset = {"cm": 0.0}
+
+    def perform(run, captures):
+        error = 1.0 + list(METHODS).index(run.method) + offset["cm"]
+        record = run.described() | {"key": run.key, "status": "done", "capture": run.capture_name}
+        record |= {"marker_error_cm": error, "marker_error_max_cm": error, "error_per_frame_cm": [error, error]}
+        record |= {"frame_numbers": [0, 1], "seconds_per_frame": 1.0, "seconds": 1.0, "cpu_seconds": 1.0}
+        return record | {"capture_hash": "0", "device": "none", "versions": {"jaxmocap": "0"}}, Nothing()
+
+    monkeypatch.setattr(_sweep, "perform", perform)
+    monkeypatch.setattr(_bench, "_folders", lambda trials, out: {})
+    return offset
+
+
+def test_the_quick_paper_compares_every_method_on_every_story_and_leaves_parts_out():
+    trials = paper(quick=True)
+    compared = {(t.run.method, t.run.capture_name) for t in trials if t.experiment == "comparison"}
+    assert compared == {(method, capture) for method in METHODS for capture in STORIES}
+    assert {t.experiment for t in trials} >= {"Fig. 11 background", "Fig. 12 search", "Fig. 13 view-view", "Fig. 14 L1"}
+    assert len({t.run.key for t in trials}) < len(trials)  # all parts of an ablation is ours of the comparison
+    assert {t.run.quality for t in trials} == {"normal"}
+    assert {t.run.quality for t in paper(quick=True, quality="draft")} == {"draft"}
+
+
+def test_the_whole_paper_varies_what_ours_adds():
+    factors = {t.factor for t in paper()}
+    assert factors >= {
+        "lambda", "particles", "iterations", "degrees", "cameras", "pixels", "change", "millimetres", "coarse to fine",
+        "shading", "background grid", "selected frames",
+    }  # fmt: skip
+    assert {t.run.seed for t in paper()} == {0, 1, 2}
+
+
+@pytest.mark.parametrize(("quick", "quality"), [(True, "draft"), (True, "normal"), (False, "normal")])
+def test_all_settings_of_the_paper_can_be_made(quick, quality):
+    """Names of settings that do not exist would only be found hours later."""
+    for trial in paper(quick, quality=quality):
+        with_settings(Tracker.preset(quality), trial.run.settings)
+        with_settings(appearance_preset(quality), trial.run.appearance)
+
+
+def test_without_the_l1_the_prediction_keeps_its_weight():
+    _, settings, _ = without("no L1", "normal")
+    before, after = Tracker.preset("normal").refine, with_settings(Tracker.preset("normal"), settings).refine
+    assert float(after.weights.regularisation) < 1e-3 * float(before.weights.regularisation)
+    assert float(after.weights.regularisation * after.weights.prior) == pytest.approx(
+        float(before.weights.regularisation * before.weights.prior), rel=1e-4
+    )
+
+
+def test_one_call_writes_the_table_the_figures_and_the_report(quick_runs, tmp_path):
+    result = bench("paper", tmp_path / "out", quick=True, only="comparison|Fig. 12")
+    assert result.failed == []
+    with (tmp_path / "out" / "runs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(METHODS) * len(STORIES) + 2
+    assert {row["capture_hash"] for row in rows} == {"0"}
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "| posecut | 6 | +7.00 | [+7.00, +7.00] | ours is better |" in text
+    assert (tmp_path / "out" / "report.html").read_text().count("<svg") == len(STORIES)
+
+
+def test_the_gate_exits_with_one_on_a_planted_regression(quick_runs, tmp_path, capsys):
+    arguments = ["bench", "paper", "--quick", "--only", "comparison", "--out"]
+    assert command([*arguments, str(tmp_path / "before")]) == 0
+    baseline = str(tmp_path / "before" / "figures.json")
+    assert command([*arguments, str(tmp_path / "same"), "--gate", baseline]) == 0
+    quick_runs["cm"] = 1.0
+    assert command([*arguments, str(tmp_path / "worse"), "--gate", baseline]) == 1
+    assert "comparison, arms-like-torso, ours: marker error: 2.0 cm, was 1.0" in capsys.readouterr().err.replace(
+        "\n", " "
+    )
+
+
+def test_failures_are_listed_and_the_answer_is_json(quick_runs, tmp_path, capsys, monkeypatch):
+    plain = _sweep.perform
+
+    def perform(run, captures):
+        if run.method == "posecut":
+            raise InputError("no cut.")
+        return plain(run, captures)
+
+    monkeypatch.setattr(_sweep, "perform", perform)
+    out = str(tmp_path / "out")
+    assert command(["bench", "paper", "--quick", "--only", "comparison", "--out", out, "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["failed_runs"] == len(STORIES)
+    assert set(answer["failures"].values()) == {"no cut."}
+
+
+def test_mistakes_are_sentences(tmp_path, capsys):
+    with pytest.raises(InputError, match="no method 'ourselves'"):
+        bench("paper", tmp_path, methods=["ourselves"])
+    with pytest.raises(InputError, match="no experiment matches"):
+        bench("paper", tmp_path, quick=True, only="Fig. 99")
+    with pytest.raises(InputError, match="no regular expression"):
+        bench("paper", tmp_path, quick=True, only="(")
+    with pytest.raises(InputError, match="give captures too"):
+        bench("paper", tmp_path, frames=(0, 2))
+    assert command(["bench", "paper", "--out", str(tmp_path / "x"), "--frames", "0:3"]) == 2
+    assert "--capture" in capsys.readouterr().err
+
+
+def test_a_capture_of_one_s_own_needs_a_truth(tmp_path):
+    folder = write_capture(make_capture(2, (96, 54)), tmp_path / "capture")
+    toml = folder / "capture.toml"
+    toml.write_text("".join(line for line in toml.read_text().splitlines(True) if not line.startswith("truth")))
+    with pytest.raises(InputError, match="no truth"):
+        bench("paper", tmp_path / "out", captures=[folder])
+
+
+def test_a_real_run_with_noisy_inputs_from_the_true_pose(tmp_path):
+    """Two frames by keypoints, which takes least: it is the inputs that are tested."""
+    spec = CaptureSpec("square", {"num_frames": 2, "size": (160, 90), "selected_frames": [0], "sensor_noise": 0.0})
+    coarse = {"grid.rows": 8, "grid.columns": 8}
+    base = Run(spec, "keypoints", "draft", appearance=coarse, inputs=Inputs(start="truth"))
+    record, motion = perform(base, tmp_path)
+    assert record["status"] == "done"
+    assert record["marker_error_cm"] < 2.0
+    assert record["error_per_frame_cm"][0] < 0.01
+    assert len(motion) == record["frames_tracked"] == 2
+    assert record["cpu_seconds"] > 0
+    noisy = Inputs(start="truth", camera_degrees=1.0, camera_centimetres=2.0, mesh_millimetres=10.0)
+    worse, moved = perform(replace(base, inputs=noisy), tmp_path)
+    assert worse["marker_error_cm"] > record["marker_error_cm"]
+    gap = np.linalg.norm(np.asarray(moved.character.vertices) - np.asarray(motion.character.vertices), axis=1)
+    assert 0.006 < np.sqrt((gap**2).mean()) < 0.012

@@ -1,0 +1,111 @@
+"""Tables, curves, the page and the gate, from rows that are made up."""
+
+import json
+import re
+from xml.etree import ElementTree
+
+import pytest
+
+from jaxmocap._results import InputError
+from jaxmocap.experiments import complaints, error_curves, figures_of, tables_of, worse, write_figures, write_report
+
+
+def row(experiment, value, capture, seed, error, factor="method", method=None, status="done"):
+    method = method or (value if experiment == "comparison" else "ours")
+    key = f"{capture}-{method}-{value}-{seed}"
+    return {
+        "experiment": experiment, "factor": factor, "value": value, "capture": capture, "seed": seed, "status": status,
+        "method": method, "key": key, "marker_error_cm": error, "marker_error_max_cm": error and 2 * error,
+        "seconds_per_frame": 1.5, "seconds": 10.0, "cpu_seconds": 15.0, "device": "a <machine>", "capture_hash": "cafe",
+        "versions": {"jaxmocap": "1"}, "error_per_frame_cm": error and [error, error + 1], "frame_numbers": [0, 1],
+        "error": None if status == "done" else "it <broke>",
+    }  # fmt: skip
+
+
+@pytest.fixture
+def rows():
+    found = []
+    for capture, offset in (("square", 0.0), ("street", 1.0)):
+        for seed in (0, 1, 2):
+            found.append(row("comparison", "ours", capture, seed, 2.0 + offset + 0.1 * seed))
+            found.append(row("comparison", "posecut", capture, seed, 5.0 + offset + 0.2 * seed))
+    found.append(row("comparison", "keypoints", "square", 0, None, status="failed"))
+    found += [row("lambda", value, "square", 0, error, "lambda") for value, error in (("0", 4.0), ("0.3", 2.5))]
+    return found
+
+
+def test_the_tables_hold_medians_quartiles_and_paired_differences(rows):
+    errors, margins, sweep = tables_of(rows)
+    assert errors.head == ("method", "square", "street", "all", "s per frame")
+    assert errors.body[0] == ("ours", "2.10 [2.05, 2.15]", "3.10 [3.05, 3.15]", "2.60 [2.12, 3.08]", "1.5")
+    assert errors.body[2][1] == "failed"
+    assert margins.body[0] == ("posecut", "6", "+3.10", "[+3.00, +3.20]", "ours is better")
+    assert margins.body[1][0] == "keypoints"
+    assert margins.body[1][-1] == "no pairs"
+    assert sweep.body == [("square", "0", "4.00", "8.00", "", ""), ("square", "0.3", "2.50", "5.00", "-1.50", "")]
+
+
+def test_the_curve_of_a_constant_error_is_a_level_line():
+    picture = ElementTree.fromstring(error_curves({"ours": ([3, 4, 5], [2.0, 2.0, 2.0]), "b": ([3, 5], [0.0, 4.0])}))
+    lines = [e.get("points") for e in picture.iter() if e.tag.endswith("polyline")]
+    first, second = ([tuple(map(float, p.split(","))) for p in line.split()] for line in lines)
+    assert len({y for _, y in first}) == 1
+    assert [x for x, _ in first] == sorted(x for x, _ in first)
+    assert second[0][1] > first[0][1] > second[1][1]  # 0, 2 and 4 cm, upwards
+    assert (second[0][1] - first[0][1]) == pytest.approx(first[0][1] - second[1][1], abs=0.11)
+
+
+def test_unknown_errors_are_left_out_of_a_curve():
+    picture = error_curves({"ours": ([0, 1, 2], [1.0, float("nan"), 3.0])})
+    assert len(re.search(r'points="([^"]*)"', picture)[1].split()) == 2
+    assert "nan" not in picture
+
+
+def test_the_page_needs_nothing_else_and_escapes_what_it_is_told(rows, tmp_path):
+    html, markdown = write_report(rows, tmp_path, {}, "A < B", ["note"])
+    page = html.read_text()
+
+    links = re.findall(r'(?:src|href|url)[=(]["\']?([^"\' >)]+)', page)
+    assert [link for link in links if not link.startswith("data:")] == []
+    assert "A &lt; B" in page
+    assert "it &lt;broke&gt;" in page
+    assert page.count("<svg") == 2
+    text = markdown.read_text()
+    assert "| posecut | 6 | +3.10 | [+3.00, +3.20] | ours is better |" in text
+    assert "square-keypoints-keypoints-0: it <broke>" in text
+
+
+def test_a_planted_regression_is_found(rows, tmp_path):
+    baseline = tmp_path / "figures.json"
+    write_figures(figures_of(rows), baseline)
+    assert complaints(figures_of(rows), baseline) == []
+    for one in rows:
+        if one["method"] == "ours" and one["capture"] == "street":
+            one["marker_error_cm"] += 1.0
+    found = complaints(figures_of(rows), baseline)
+    assert len(found) == 1
+    assert found[0].startswith("comparison, street, ours: marker error: 4.1 cm, was 3.1")
+
+
+def test_another_failure_and_a_figure_that_is_missing_are_regressions(rows, tmp_path):
+    baseline = tmp_path / "figures.json"
+    write_figures(figures_of(rows), baseline)
+    broken = [*rows, row("lambda", "1", "square", 0, None, "lambda", status="failed")]
+    assert complaints(figures_of(broken), baseline) == ["failed runs: 2.0 runs, was 1.0"]
+    fewer = [one for one in rows if one["experiment"] == "comparison"]
+    assert [text for text in complaints(figures_of(fewer), baseline) if "not measured" in text]
+
+
+def test_baselines_that_do_not_fit_are_refused(rows, tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        complaints(figures_of(rows), tmp_path / "none.json")
+    (tmp_path / "other.json").write_text(json.dumps({"figures": [{"metric": "x", "value": 1.0}]}))
+    with pytest.raises(InputError, match="other experiments"):
+        complaints(figures_of(rows), tmp_path / "other.json")
+
+
+def test_worse_goes_by_direction():
+    figures = [{"metric": "speed", "value": 5.0, "unit": "1/s", "direction": "higher", "tolerance": 0.1}]
+    assert worse(figures, [{"metric": "speed", "value": 5.4}]) == []
+    assert len(worse(figures, [{"metric": "speed", "value": 6.0}])) == 1
+    assert len(worse([figures[0] | {"value": float("nan")}], [{"metric": "speed", "value": 1.0}])) == 1
