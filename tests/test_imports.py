@@ -29,7 +29,8 @@ ROWS = (
     ("_records",),
     ("_types", "_results", "_runtime", "_atomic"),
 )
-RANK = {name: row for row, names in enumerate(ROWS) for name in names} | {"synthetic": 6.5}  # just below `rigging`
+RANK: dict[str, float] = {name: row for row, names in enumerate(ROWS) for name in names}
+RANK["synthetic"] = RANK["rigging"] + 0.5
 HOST_LIBRARIES = {"cv2", "av", "trimesh", "pycolmap", "pygltflib"}
 HOST_PACKAGES = {
     "calibration",
