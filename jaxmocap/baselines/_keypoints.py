@@ -11,7 +11,7 @@ from jaxmocap._results import InputError
 from jaxmocap.character import Character, Pose, clamp, landmark_positions, retract
 from jaxmocap.observation import BODY_25, FrameImages, FrameProblem, Observations, Rectangle
 from jaxmocap.refiners import Shooting
-from jaxmocap.track import descend, free_prior, triangulated
+from jaxmocap.track import Past, descend, free_prior, triangulated
 
 from ._follower import Baseline, Follower
 
@@ -38,7 +38,7 @@ class KeypointTriangulation(Baseline):
     """Every keypoint that two views show is triangulated by itself (linear, weighed by confidence), then the skeleton
     is fitted to the points by least squares with joint limits, from the last pose. No pixel is looked at.
 
-    Needs observations with `detections`. A frame with fewer than `least` points keeps the predicted pose. `smoothness`
+    Needs observations with `detections`. A frame with fewer than `least` points keeps the last pose. `smoothness`
     is the weight of the pull to the last pose, in units of the residual per radian, squared.
     """
 
@@ -56,6 +56,10 @@ class KeypointTriangulation(Baseline):
                 "triangulation needs; name a folder of OpenPose BODY_25 files with --detections."
             )
         return super().follow(observations, key)
+
+    def start(self, worker: Follower, past: Past) -> Pose:
+        """The last pose: where depth is weak, extrapolating noise would run away."""
+        return past.pose
 
     def find(
         self, worker: Follower, shown: FrameImages, problem: FrameProblem, rectangle: Rectangle, start: Pose

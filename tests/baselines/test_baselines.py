@@ -50,7 +50,7 @@ def test_keypoint_triangulation_asks_for_keypoints(world):
         track(world.observations(), tracker=KeypointTriangulation())
 
 
-def test_too_few_keypoints_leave_the_predicted_pose(world, stood_still, tmp_path):
+def test_too_few_keypoints_leave_the_last_pose(world, stood_still, tmp_path):
     folder = world.write_keypoints(tmp_path / "keypoints", [0])
     assert found(world, KeypointTriangulation(), Detections.open(world.capture, folder)) == pytest.approx(
         stood_still, abs=0.05
