@@ -33,7 +33,6 @@ from ._statistics import (
 from ._suite import (
     STORIES as STORIES,
     CaptureSpec as CaptureSpec,
-    capture_hash as capture_hash,
     film as film,
     story as story,
 )

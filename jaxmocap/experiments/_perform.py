@@ -19,7 +19,7 @@ from jaxmocap._runtime import versions
 from jaxmocap.appearance import Appearance
 from jaxmocap.baselines import method
 from jaxmocap.camera import Cameras
-from jaxmocap.capture import Capture, Detections
+from jaxmocap.capture import Capture, Detections, content_hash
 from jaxmocap.character import Character, Pose
 from jaxmocap.geometry import so3_exp
 from jaxmocap.metrics import evaluate
@@ -38,7 +38,7 @@ from jaxmocap.track import (
 )
 
 from ._run import Inputs, Run
-from ._suite import DETECTIONS, CaptureSpec, capture_hash, film
+from ._suite import DETECTIONS, CaptureSpec, film
 
 _MOST_MAPS = 30_000
 """Memory maps of the process beyond which compiled programs are dropped; the kernel allows 65,530."""
@@ -138,7 +138,7 @@ def _prepare(folder: Path, inputs: Inputs, seed: int) -> Prepared:
         key_poses = {frame: _true_pose(capture, frame) for frame in selected}
     else:
         key_poses = key_poses_of(register(capture, cameras, character, selected, key=jax.random.fold_in(key, 1)))
-    return Prepared(capture, cameras, character, key_poses, capture_hash(capture.folder))
+    return Prepared(capture, cameras, character, key_poses, content_hash(capture))
 
 
 @lru_cache(maxsize=3)

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -88,14 +88,3 @@ def _write_detections(capture: SyntheticCapture, folder: Path) -> None:
             person = {"person_id": [-1], "pose_keypoints_2d": np.round(found, 3).ravel().tolist()}
             path = folder / f"{camera}_{frame:05d}_keypoints.json"
             write_text(path, json.dumps({"version": 1.3, "people": [person]}))
-
-
-def capture_hash(folder: Path, files: Sequence[str] = ("*.toml", "*.mp4", "*.glb", "*.npz", "cameras/*")) -> str:
-    """A digest of what a capture's runs depend on."""
-    digest = hashlib.sha256()
-    for pattern in files:
-        for path in sorted(folder.glob(pattern)):
-            if path.is_file():
-                digest.update(path.name.encode())
-                digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
