@@ -8,13 +8,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxmocap._atomic import write_json
+from jaxmocap._atomic import write_json, write_text
+from jaxmocap._inputs import code_hash
 from jaxmocap._results import InputError
 
 from ._perform import perform
 from ._run import Run
 
 RUNS, CAPTURES, MOTIONS = "runs", "captures", "motions"
+_CODE = "code.txt"
 Report = Callable[[str, int, int], None]
 
 
@@ -36,8 +38,10 @@ def sweep(
 
     `workers` processes share the runs through Dask where the extra `cluster` is installed: by default one for every
     four cores, and 0 or 1 stay in this process. `scheduler` is the address or scheduler file of a Dask cluster that is
-    running, on several machines say; `out` must then be a folder that all of them see.
+    running, on several machines say; `out` must then be a folder that all of them see. Raises `InputError` when `out`
+    holds runs of other code: figures of two versions are never mixed.
     """
+    _refuse_other_code(out)
     captures = out / CAPTURES if captures is None else captures
     for folder in (out / RUNS, out / MOTIONS, captures):
         folder.mkdir(parents=True, exist_ok=True)
@@ -53,6 +57,16 @@ def sweep(
         done += 1
         tell("runs", done, total)
     return [record for record in known.values() if record is not None]
+
+
+def _refuse_other_code(out: Path) -> None:
+    path, code = out / _CODE, code_hash()
+    if path.is_file() and path.read_text().strip() != code:
+        raise InputError(
+            f"{out} holds runs of another version of jaxmocap; choose another folder, so that versions are not mixed."
+        )
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(path, code + "\n")
 
 
 def read_record(out: Path, key: str) -> dict[str, Any] | None:

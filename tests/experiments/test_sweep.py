@@ -53,6 +53,14 @@ def test_equal_runs_are_done_once_and_finished_ones_never_again(performed, tmp_p
     assert [record["marker_error_cm"] for record in again] == pytest.approx([1.0, 1.1, 1.2])
 
 
+def test_runs_of_two_versions_are_not_mixed(performed, tmp_path, monkeypatch):
+    sweep(runs(0), tmp_path)
+    monkeypatch.setattr(_sweep, "code_hash", lambda: "newer")
+    with pytest.raises(InputError, match="holds runs of another version of jaxmocap; choose another folder"):
+        sweep(runs(0, 1), tmp_path)
+    assert len(performed) == 1
+
+
 def test_any_setting_makes_another_run():
     base = runs(0)[0]
     others = [
