@@ -254,7 +254,6 @@ GLB: dict[str, Damage] = {
     "nodes in a circle": edited_glb(lambda g: [n.update(children=[0]) for n in g["nodes"]]),
     "foreign file": edited_glb(lambda g: g["buffers"][0].update(uri="../../../../etc/passwd")),
     "address": edited_glb(lambda g: g["buffers"][0].update(uri="http://localhost:1/x.bin")),
-    "no skin": edited_glb(lambda g: g.pop("skins")),
     "no mesh": edited_glb(lambda g: g.update(meshes=[])),
     "version 9": edited_glb(lambda g: g["asset"].update(version="9.0")),
     "deep": edited_glb(lambda g: g.update(extras=json.loads("[" * 400 + "]" * 400))),

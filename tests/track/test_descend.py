@@ -6,9 +6,9 @@ import pytest
 from perturbed import perturbed, vertex_errors
 
 from jaxmocap.character import difference, landmark_positions, retract
-from jaxmocap.energies import SurfaceLines, join_lines, rays
+from jaxmocap.energies import LandmarkRays, SurfaceLines, join_lines, rays
 from jaxmocap.refiners import LeastSquares, Shooting
-from jaxmocap.track._least_squares import LandmarkRays, Rows, descend, free_prior, gauss_newton_step
+from jaxmocap.track._least_squares import Rows, descend, free_prior, gauss_newton_step
 
 FRAME, ROBUST, DAMPING = 1, 0.3, jnp.asarray(1e-3, jnp.float32)
 
