@@ -44,13 +44,20 @@ def choose_frames(capture: Capture, cameras: Cameras, count: int = DEFAULT_COUNT
     their span and then, one by one, the frame that brings all good frames nearest to a chosen one (facility location,
     greedily, which is within 1 - 1/e of the best; Nemhauser et al. 1978). Near means: joints about the trunk in its own
     axes, and the directions in which the cameras lie from it. Without good frames, the one that shows most points in
-    two views; without any, the first. The same capture gives the same frames.
+    two views; without any, the first. The same capture gives the same frames. With one camera joints are compared as
+    they look in its image.
     """
     if count < 1:
         raise ValueError(f"count is {count}; at least one frame must be chosen")
-    shared = _frames_in_two_views(capture)
+    views = "two views" if capture.num_cameras > 1 else "its view"
+    shared = _frames_in_two_views(capture) if capture.num_cameras > 1 else capture.keypoint_frames(0)
     poses, seen = {}, {}
     for frame in shared:
+        if capture.num_cameras == 1:
+            description, seen[frame] = _flat(capture, frame)
+            if description is not None:
+                poses[frame] = description
+            continue
         points, residual, known = _triangulated(capture, cameras, frame)
         seen[frame] = int(known.sum())
         if known[_TORSO].all() and known.sum() >= _WELL_SEEN:
@@ -64,12 +71,12 @@ def choose_frames(capture: Capture, cameras: Cameras, count: int = DEFAULT_COUNT
         chosen = facility_location(distance[np.ix_(steady, steady)], np.array(frames)[steady], count)
         return ChosenFrames(
             tuple(sorted(frames[steady[i]] for i in chosen)),
-            f"chosen for their poses and sides among {len(frames)} frames with good keypoints in two views",
+            f"chosen for their poses and sides among {len(frames)} frames with good keypoints in {views}",
         )
     best = max(shared, key=lambda frame: (seen[frame], -frame), default=None)
     if best is not None and seen[best] >= _PLACEABLE:
-        return ChosenFrames((best,), f"it shows the most keypoints in two views, {seen[best]} of {len(_POINTS)}")
-    return ChosenFrames((0,), "no frame has three keypoints in two views, so the first was taken")
+        return ChosenFrames((best,), f"it shows the most keypoints in {views}, {seen[best]} of {len(_POINTS)}")
+    return ChosenFrames((0,), f"no frame has three keypoints in {views}, so the first was taken")
 
 
 def _frames_in_two_views(capture: Capture) -> list[int]:
@@ -97,7 +104,7 @@ def _triangulated(
 
 
 class _Description(NamedTuple):
-    """Joints and camera directions in the trunk's axes (left, up, ahead), lengths in units of the trunk, metres."""
+    """Joints and camera directions in the trunk's axes (left, up, ahead), lengths in units of the trunk (metres)."""
 
     joints: Float[np.ndarray, "13 3"]
     sides: Float[np.ndarray, "camera 2"]
@@ -119,6 +126,19 @@ def _described(
     joints = np.where(known[:, None], (points - hips) @ axes.T / trunk, np.nan)
     sides = ((np.asarray(cameras.centres(), float)[:, frame] - hips) @ axes.T)[:, [0, 2]]
     return _Description(joints, sides / np.maximum(np.linalg.norm(sides, axis=1, keepdims=True), 1e-9), trunk)
+
+
+def _flat(capture: Capture, frame: int) -> tuple[_Description | None, int]:
+    """The joints as the only camera sees them, about the hips and in units of the trunk, and how many are seen."""
+    found = capture.keypoints(0, frame)
+    points = np.zeros((13, 3)) if found is None else np.asarray(found, float)[list(_POINTS)]
+    known = points[:, 2] >= _CONFIDENT
+    hips = (points[_L_HIP] + points[_R_HIP])[:2] / 2
+    trunk = float(np.linalg.norm((points[_L_SHOULDER] + points[_R_SHOULDER])[:2] / 2 - hips))
+    if not known[_TORSO].all() or known.sum() < _WELL_SEEN or trunk < 1:
+        return None, int(known.sum())
+    joints = np.where(known[:, None], np.append((points[:, :2] - hips) / trunk, np.zeros((13, 1)), axis=1), np.nan)
+    return _Description(joints, np.zeros((1, 2)), trunk), int(known.sum())
 
 
 def _distances(described: list[_Description]) -> Float[np.ndarray, "good good"]:

@@ -1,4 +1,4 @@
-"""A rough pose from 2D keypoints in two or more views: inverse kinematics."""
+"""A rough pose from 2D keypoints: inverse kinematics."""
 
 import equinox as eqx
 import jax
@@ -12,6 +12,8 @@ from jaxmocap.character import Character, Pose, clamp, landmark_positions, pose_
 from jaxmocap.energies import LandmarkRays, keypoint_rays
 from jaxmocap.observation import stacked_keypoints
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
+
+from ._single_view import LEAST_POINTS, TRUNK, best_view, body_axes, rest_trunk, single_view_starts
 
 LIMB_STARTS = 12
 
@@ -27,29 +29,38 @@ def triangulated(
     return points, known & np.isfinite(points).all(1)
 
 
-def _frame(left: np.ndarray, up: np.ndarray) -> np.ndarray:
-    y = up / np.linalg.norm(up)
-    x = left - (left @ y) * y
-    x /= np.linalg.norm(x)
-    return np.stack([x, y, np.cross(x, y)], 1)
-
-
-def _torso_start(character: Character, points: np.ndarray, known: np.ndarray) -> Pose | None:
-    """Root from shoulders and hips, when they are all known."""
-    if not known[[2, 5, 9, 12]].all():
-        return None
+def _starts(
+    character: Character,
+    view: View,
+    keypoints: list[Float[np.ndarray, "25 3"] | None],
+    where: str,
+) -> list[Pose]:
+    """Bodies at rest where the person may stand: in the axes of the triangulated trunk; else about the triangulated
+    points, turned to eight sides; else, where two views share less than three points, by the best single view."""
+    points, known = triangulated(view, keypoints)
     skeleton = character.skeleton
-    rest = {n: np.asarray(skeleton.landmark(n)) for n in ("l_shoulder", "r_shoulder", "l_hip", "r_hip")}
-
-    def axes(ls, rs, lh, rh):
-        return _frame(ls - rs + lh - rh, ls + rs - lh - rh), 0.5 * (lh + rh)
-
-    rest_axes, rest_hips = axes(rest["l_shoulder"], rest["r_shoulder"], rest["l_hip"], rest["r_hip"])
-    seen_axes, seen_hips = axes(points[5], points[2], points[12], points[9])
-    rotation = seen_axes @ rest_axes.T
-    root = np.eye(4, dtype=np.float32)
-    root[:3, :3], root[:3, 3] = rotation, seen_hips - rotation @ rest_hips
-    return Pose(jnp.asarray(root), jnp.zeros(33))
+    if known.sum() < 3:
+        camera = best_view(keypoints)
+        found = None if camera is None else keypoints[camera]
+        if camera is None or found is None:
+            raise InputError(
+                f"{where or 'the keypoints'}: {int(known.sum())} keypoints are seen by two cameras, three are needed "
+                f"to place the person, or shoulders, hips and {LEAST_POINTS} points in all in one; add keypoints for "
+                "this frame in a second camera, or give the pose with --pose."
+            )
+        return single_view_starts(character, view, camera, found)
+    if known[list(TRUNK)].all():
+        rest_axes, rest_hips = rest_trunk(skeleton)
+        right_shoulder, left_shoulder, right_hip, left_hip = points[list(TRUNK)]
+        rotation = body_axes(left_shoulder, right_shoulder, left_hip, right_hip) @ rest_axes.T
+        root = np.eye(4, dtype=np.float32)
+        root[:3, :3], root[:3, 3] = rotation, 0.5 * (left_hip + right_hip) - rotation @ rest_hips
+        return [Pose(jnp.asarray(root), jnp.zeros(33))]
+    centre, turned = points[known].mean(0) - np.asarray(skeleton.landmarks).mean(0), []
+    for yaw in np.linspace(0, 2 * np.pi, 8, endpoint=False):
+        vector = jnp.zeros(39).at[:3].set(jnp.asarray(centre, jnp.float32)).at[4].set(yaw)
+        turned.append(pose_from_vector(skeleton, vector))
+    return turned
 
 
 def inverse_kinematics(
@@ -62,25 +73,14 @@ def inverse_kinematics(
 ) -> tuple[Pose, float]:
     """Pose whose landmarks lie on the keypoints' rays, joint limits kept: the paper's "rough registered skeleton".
 
-    Least squares from `starts` starts (the torso's root with other joint angles each); then every limb of the best one
+    Least squares from `starts` starts (the trunk's root with other joint angles each); then every limb of the best one
     starts anew from `LIMB_STARTS` places within its limits, for one limb of many is easily folded wrongly. Returned
-    with its RMS distance to the rays in metres. Raises `InputError` when fewer than three points are seen in two views.
+    with its RMS distance to the rays in metres. One view is enough if it shows shoulders, hips and `LEAST_POINTS`
+    points in all, but leaves open which way limbs point in depth. Raises `InputError` when the points are too few.
     """
-    points, known = triangulated(view, keypoints)
-    if known.sum() < 3:
-        raise InputError(
-            f"{where or 'the keypoints'}: {int(known.sum())} keypoints are seen by two cameras, three are needed to "
-            "place the person; add keypoints for this frame in a second camera, or give the pose with --pose."
-        )
     skeleton, points_seen = character.skeleton, jnp.asarray(stacked_keypoints(keypoints))
+    bases = _starts(character, view, keypoints, where)
     lines = keypoint_rays(skeleton, view.intrinsics, view.cam_from_world, points_seen)
-    root = _torso_start(character, points, known)
-    bases = [root] if root is not None else []
-    if root is None:
-        centre = points[known].mean(0) - np.asarray(skeleton.landmarks).mean(0)
-        for yaw in np.linspace(0, 2 * np.pi, 8, endpoint=False):
-            vector = jnp.zeros(39).at[:3].set(jnp.asarray(centre, jnp.float32)).at[4].set(yaw)
-            bases.append(pose_from_vector(skeleton, vector))
     generator = np.random.default_rng(0)
     best: tuple[float, Pose, Array] | None = None
     per_base = max(2, starts // len(bases))

@@ -309,7 +309,7 @@ def register_frame(
             name = f"{capture.camera_names[0]}_{int(capture.video_frames[0, frame]):05d}_keypoints.json"
             raise InputError(
                 f"frame {frame} of capture '{capture.name}' has no keypoints and no initial pose; add keypoints of "
-                f"this frame in two cameras ({name} and so on), or give its pose with --pose."
+                f"this frame, best in two cameras ({name} and so on), or give its pose with --pose."
             )
         start = rest_pose(character.skeleton)
     if start is None:

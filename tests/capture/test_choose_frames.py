@@ -102,3 +102,13 @@ def test_a_frame_that_shows_half_a_body_is_better_than_none(folder):
     chosen = choose_frames(capture, capture.cameras)
     assert chosen.frames == (7,)
     assert "7 of 13" in chosen.reason
+
+
+def test_a_single_camera_chooses_by_what_it_sees(folder):
+    text = (folder / "capture.toml").read_text()
+    (folder / "capture.toml").write_text(text[: text.index('[[camera]]\nname = "cam1"')])
+    kinds = [UP] * 18 + [CROUCHED] * 4 + ["standing"] * 8
+    capture = filmed(folder, {frame: person(kind, 0.001 * frame) for frame, kind in enumerate(kinds)}, ("cam0",))
+    chosen = choose_frames(capture, capture.cameras)
+    assert [kinds[frame] for frame in chosen.frames] == [UP, CROUCHED, "standing"]
+    assert "its view" in chosen.reason

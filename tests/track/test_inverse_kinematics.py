@@ -6,7 +6,7 @@ import pytest
 from synthetic_world import POINTS
 
 from jaxmocap._results import InputError
-from jaxmocap.character import Pose, clamp, landmark_positions, rest_pose
+from jaxmocap.character import Pose, clamp, landmark_positions, rest_pose, retract
 from jaxmocap.refiners import Shooting
 from jaxmocap.track import inverse_kinematics
 
@@ -77,10 +77,31 @@ def test_without_hips_the_root_is_found_from_eight_directions(world, keypoints, 
     assert np.delete(errors, [list(POINTS).index(name) for name in ("l_hip", "r_hip")]).max() < 0.03
 
 
-@pytest.mark.parametrize("missing", ["one view", "all but two points"])
+def test_one_view_is_enough_for_the_person_to_stand_where_he_does(world, keypoints, solve):
+    """What the view shows is met; depth, which only the size of the body tells, is near."""
+    pose, rms = solve([keypoints[0], None])
+    assert rms < 0.01
+    found, truth = np.asarray(landmark_positions(world.character.skeleton, pose)), world.truth.joints[FRAME]
+    assert np.linalg.norm(found.mean(0) - truth.mean(0)) < 0.12
+    assert landmark_errors(world, pose).mean() < 0.15
+
+
+def test_the_side_a_single_view_shows_is_found(world, solve):
+    """A body turned by any angle about the vertical faces the same way afterwards."""
+    skeleton = world.character.skeleton
+    base = world.pose(FRAME)
+    for turn in (0.5, 2.0, 3.5, 5.0):
+        true = retract(skeleton, base, jnp.zeros(39).at[4].set(turn))
+        pose, _ = solve([keypoints_of(world, true)[0], None])
+        ahead = np.asarray(pose.root[:3, :3] @ true.root[:3, :3].T)
+        assert np.degrees(np.arccos(np.clip((np.trace(ahead) - 1) / 2, -1, 1))) < 45, turn
+
+
+@pytest.mark.parametrize("missing", ["hips in the only view", "all but two points"])
 def test_too_few_points_are_refused_in_a_sentence(keypoints, solve, missing):
-    if missing == "one view":
-        spoilt, count = [keypoints[0], None], 0
+    if missing == "hips in the only view":
+        spoilt, count = [keypoints[0].copy(), None], 0
+        spoilt[0][[9, 12], 2] = 0
     else:
         spoilt, count = [points.copy() for points in keypoints], 2
         for points in spoilt:
