@@ -25,6 +25,12 @@ from ._features import (
 )
 from ._flash import lit_apart as lit_apart
 from ._flow import dense_flow as dense_flow, flow_agrees as flow_agrees, sample_picture as sample_picture
+from ._light import (
+    LightMeter as LightMeter,
+    LightSettings as LightSettings,
+    light_change as light_change,
+    relit as relit,
+)
 from ._mask_confidence import (
     MaskConfidence as MaskConfidence,
     mask_confidence as mask_confidence,

@@ -31,6 +31,7 @@ from ._clean_plate import CleanPlate
 from ._detections import expected_keypoints, nearest_person, stacked_keypoints
 from ._edges import background_edges, image_edges
 from ._features import FeatureSettings, FrameFeatures, frame_features, match_background
+from ._light import relit
 from ._problem import Clusters, Edges, FrameProblem, Surface
 from ._rectangle import Rectangle
 
@@ -45,11 +46,17 @@ DEPTH_SLACK = 0.8
 
 
 class FrameImages(NamedTuple):
-    """One decoded frame: its position in the capture, time in seconds, and an undistorted RGB image per camera."""
+    """One decoded frame: its position in the capture, time in seconds, and an undistorted RGB image per camera; `light`
+    is what the images have been divided by to be in the light of the first one."""
 
     frame: int
     timestamp: float
     images: list[UInt8[np.ndarray, "height width 3"]]
+    light: Float[np.ndarray, "camera 3"] | None = None
+
+    def in_light(self, factors: Float[np.ndarray, "camera 3"]) -> "FrameImages":
+        """The frame as decoded, with its images divided by these factors."""
+        return self._replace(images=relit(self.images, factors), light=factors)
 
 
 def facing_cosine(

@@ -13,7 +13,7 @@ from jaxmocap.observation import FrameImages, FrameProblem, Observations
 from ._frame import FrameTracker
 from ._frame_result import FrameResult
 
-FORMAT = 1
+FORMAT = 2
 _STATE = "state.npz"
 
 
@@ -134,11 +134,13 @@ class Checkpoint:
         known = {"surface": observations.surface, "settings": observations.appearance.settings}
         decoded: dict[int, FrameImages] = {}
 
-        def images(frame: int) -> FrameImages:
+        def images(note: tuple[int, Any]) -> FrameImages:
+            frame, light = note
             if frame not in decoded:
                 capture = observations.capture
                 views = [capture.image(camera, frame) for camera in range(capture.num_cameras)]
-                decoded[frame] = FrameImages(frame, float(capture.timestamps[frame]), views)
+                shown = FrameImages(frame, float(capture.timestamps[frame]), views)
+                decoded[frame] = shown if light is None else shown.in_light(light)
             return decoded[frame]
 
         def written(problem: FrameProblem) -> str:
@@ -154,4 +156,7 @@ class Checkpoint:
             self._problems[name] = read_records(self.folder / name, known)
             return self._problems[name]
 
-        return known, (Stand(FrameImages, lambda shown: shown.frame, images), Stand(FrameProblem, written, read))
+        return known, (
+            Stand(FrameImages, lambda shown: (shown.frame, shown.light), images),
+            Stand(FrameProblem, written, read),
+        )

@@ -10,7 +10,15 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from jaxmocap.character import Pose, beside, clamp, difference, retract, skin
-from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle, build_problem, lit_apart
+from jaxmocap.observation import (
+    FrameImages,
+    FrameProblem,
+    LightMeter,
+    Observations,
+    Rectangle,
+    build_problem,
+    lit_apart,
+)
 from jaxmocap.refiners import Shooting
 
 from ._body_search import BodySearch
@@ -36,7 +44,7 @@ ONTO_ROBUST, ONTO_STEPS = 0.3, 8
 """Geman-McClure scale of the start from detections, metres, and its steps."""
 
 
-_CARRIED = ("rectangle", "past", "lost", "tracked", "passed_over")
+_CARRIED = ("rectangle", "past", "lost", "tracked", "passed_over", "meters")
 
 
 class FrameTracker:
@@ -62,6 +70,7 @@ class FrameTracker:
         kept = self.hindsight.longest + 2 if self.hindsight is not None else 0
         self.tracked: deque[tuple[Tracked, FrameResult]] = deque(maxlen=kept)
         self.passed_over: list[FrameResult] = []
+        self.meters: list[LightMeter] = []
 
     def state(self) -> dict[str, Any]:
         """Everything that the frames so far have left behind: with it, and the same inputs, another tracker goes on to
@@ -147,6 +156,8 @@ class FrameTracker:
     def first(self, shown: FrameImages, pose: Pose) -> FrameResult:
         """Take a registered pose as the answer of a frame, at which a sequence starts."""
         self.observations.restart()
+        if self.tracker.light is not None:
+            self.meters = [LightMeter.begin(image, self.tracker.light) for image in shown.images]
         clock = Clock()
         problem, rectangle = self._problem(shown, pose, np.zeros(len(shown.images)), clock)
         return self._finish(shown, problem, rectangle, pose, np.zeros(39), None, clock)
@@ -155,10 +166,13 @@ class FrameTracker:
         """Find the pose of the next frame: flow start, search, refinement."""
         past = self.past
         assert past is not None
+        as_before = shown if past.shown.light is None else shown.in_light(past.shown.light)
         unknown = shown.frame not in self.observations.key_poses
-        if unknown and past.steps <= self.tracker.longest_flash and lit_apart(shown.images, past.shown.images):
+        if unknown and past.steps <= self.tracker.longest_flash and lit_apart(as_before.images, past.shown.images):
             return self._pass_over(shown, past)
         clock = Clock()
+        with clock.stage("light"):
+            shown = self._in_first_light(shown)
         start, speed = past.pose, np.zeros(len(shown.images))
         if self.tracker.flow_start:
             start, speed = self.flow_start(shown, past, clock)
@@ -179,6 +193,15 @@ class FrameTracker:
             with clock.stage("refine"):
                 pose, hessian = self.refinement(pose, shown, problem, rectangle, past)
         return self._finish(shown, problem, rectangle, pose, deviation, hessian, clock)
+
+    def _in_first_light(self, shown: FrameImages) -> FrameImages:
+        """The frame in the light of the one at which the sequence started."""
+        settings = self.tracker.light
+        if settings is None:
+            return shown
+        self.meters = [meter.at(image, settings) for meter, image in zip(self.meters, shown.images, strict=True)]
+        factors = np.stack([meter.factors(settings) for meter in self.meters])
+        return shown if (factors == 1).all() else shown.in_light(factors)
 
     def _best_start(self, shown: FrameImages, problem: FrameProblem, past: Past, start: Pose) -> Pose:
         """The last pose, the flow start or the registered pose, whichever scores best; with `prediction`, and with

@@ -180,6 +180,7 @@ def _one_source(character, vertices, ids, target, camera, problem, source, setti
         good = np.zeros(ids.shape, bool)
         good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here, settings)
         structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(predicted, (0, 0), 1.0), 9, ksize=3)
+        structure = np.maximum(structure, 0.0)  # where the picture is flat, rounding makes it negative
         weight[box], moved[box] = structure / (structure + 2e-4), forward
         picked = pick_samples(good, settings.samples)
         alive = np.arange(settings.samples) < good.sum()

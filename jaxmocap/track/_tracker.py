@@ -11,6 +11,7 @@ from jaxmocap._results import InputError
 from jaxmocap._types import Knob, knob
 from jaxmocap.appearance import AppearanceSettings, ForegroundSettings
 from jaxmocap.energies import ContourSettings, Keypoints, SearchEnergy, search_energy
+from jaxmocap.observation import LightSettings
 from jaxmocap.refiners import AbstractRefiner, LeastSquares
 from jaxmocap.samplers import AbstractSampler, InteractingSimulatedAnnealing, particles_for
 
@@ -135,7 +136,8 @@ class Tracker:
     rotation, see `character.roomier`); "same" is the paper. `prediction` starts the root, the torso and each limb
     where the last motion would lead if that scores better than the flow; the paper does not. At most `longest_flash`
     frames in a row, not selected ones, are passed over when the light jumps, and lie between their neighbours (0: none,
-    the paper).
+    the paper). With `light` every frame is brought into the light of the first before anything looks at it; None is the
+    paper.
     """
 
     search_energy: SearchEnergy = field(default_factory=search_energy)
@@ -148,6 +150,7 @@ class Tracker:
     angles: AngleChoice = "same"
     longest_flash: int = 0
     flow: FlowSettings = field(default_factory=FlowSettings)
+    light: LightSettings | None = None
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
 
     @property
@@ -174,13 +177,14 @@ class Tracker:
             contours=ContourSettings(reach=10),
         )
         efforts = (Effort(4, 10, 0.25), Effort(2, 6, 0.5))
+        habits = {"prediction": True, "angles": "roomier", "longest_flash": 3, "light": LightSettings()}
         if quality == "normal":
             economy = {"calm": Calm(), "retry": Retry(), "hindsight": Hindsight(), "reacquire": 3}
             search = SearchPlan(efforts, particles=96, trunk=0.6, wide=0.25, **economy)
-            return Tracker(fast, search, plan, prediction=True, angles="roomier", longest_flash=3)
+            return Tracker(fast, search, plan, **habits)
         if quality == "draft":
             coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6)
-            return Tracker(fast, coarse, replace(plan, rounds=2), prediction=True, angles="roomier", longest_flash=3)
+            return Tracker(fast, coarse, replace(plan, rounds=2), **habits)
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
 
 

@@ -55,7 +55,7 @@ def joint_covariances(
 def _hessians(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame dof dof"]:
     """J^T J of every frame; that of a neighbour where a frame was looked at but not refined."""
     nothing = np.zeros((39, 39), np.float32)
-    own = [result.hessian for result in results]
+    own = [h if h is None or np.isfinite(h).all() else None for h in (result.hessian for result in results)]
     found = []
     for index, (result, hessian) in enumerate(zip(results, own, strict=True)):
         beside = [own[n] for n in (index + 1, index - 1) if 0 <= n < len(own) and own[n] is not None]

@@ -1,0 +1,94 @@
+"""Light that changes while filming: clouds, and phones that set their exposure and white balance by themselves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ._flow import dense_flow, flow_agrees
+
+_DARK, _BRIGHT = 16, 240
+
+
+@dataclass(frozen=True)
+class LightSettings:
+    """How the light of a frame is compared with that of the first one (not in the paper, whose colour models know one
+    light).
+
+    Changes of the logarithm of a channel below `still` are left alone, so that in steady light every picture stays as
+    it is; from twice that on they are taken out wholly. Pictures are compared at `width` pixels, where at least
+    `overlap` of them shows the same.
+    """
+
+    still: float = 0.05
+    width: int = 240
+    overlap: float = 0.5
+
+
+class LightMeter(NamedTuple):
+    """One camera's light so far: logarithms per channel of an earlier, `anchor` picture and of the `last` one, against
+    the first. Pictures are compared with an anchor as long as they share enough, so that errors do not add up from
+    frame to frame."""
+
+    anchor: UInt8[np.ndarray, "rows columns 3"]
+    anchor_light: Float[np.ndarray, "3"]
+    last: UInt8[np.ndarray, "rows columns 3"]
+    light: Float[np.ndarray, "3"]
+
+    @staticmethod
+    def begin(image: UInt8[np.ndarray, "height width 3"], settings: LightSettings) -> "LightMeter":
+        """The picture whose light is the measure of all others."""
+        small = _small(image, settings.width)
+        return LightMeter(small, np.zeros(3), small, np.zeros(3))
+
+    def at(self, image: UInt8[np.ndarray, "height width 3"], settings: LightSettings) -> "LightMeter":
+        """The meter after the next picture. Where nothing can be compared the light stays."""
+        small = _small(image, settings.width)
+        change, shared = light_change(self.anchor, small)
+        if shared >= settings.overlap:
+            return self._replace(last=small, light=self.anchor_light + change)
+        change, shared = light_change(self.last, small)
+        light = self.light + change if shared >= 0.2 * settings.overlap else self.light
+        return LightMeter(self.last, self.light, small, light)
+
+    def factors(self, settings: LightSettings) -> Float[np.ndarray, "3"]:
+        """What the picture has to be divided by, per channel; 1 in steady light."""
+        size = np.abs(self.light)
+        return np.exp(np.sign(self.light) * np.clip(2 * (size - settings.still), 0, size))
+
+
+def light_change(
+    before: UInt8[np.ndarray, "rows columns 3"], after: UInt8[np.ndarray, "rows columns 3"]
+) -> tuple[Float[np.ndarray, "3"], float]:
+    """Median change of the logarithm per channel over the surroundings that both pictures show, and their share."""
+    first, second = (cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in (before, after))
+    gain = max(float(np.median(first)), 1.0) / max(float(np.median(second)), 1.0)
+    second = np.clip(second * gain, 0, 255).astype(np.uint8)
+    forward, backward = dense_flow(first, second, "fast"), dense_flow(second, first, "fast")
+    rows, columns = np.mgrid[: first.shape[0], : first.shape[1]].astype(np.float32)
+    there = columns + forward[..., 0], rows + forward[..., 1]
+    carried = cv2.remap(after.astype(np.float32), *there, cv2.INTER_LINEAR, borderValue=(0, 0, 0, 0))
+    here = before.astype(np.float32)
+    both = np.concatenate([here, carried], axis=-1)
+    good = flow_agrees(forward, backward) & (both.min(-1) > _DARK) & (both.max(-1) < _BRIGHT)
+    if not good.any():
+        return np.zeros(3), 0.0
+    return np.median(np.log(carried[good] / here[good]), axis=0), float(good.mean())
+
+
+def relit(
+    images: Sequence[UInt8[np.ndarray, "height width 3"]], factors: Float[np.ndarray, "camera 3"]
+) -> list[UInt8[np.ndarray, "height width 3"]]:
+    """The images divided by a factor per camera and channel; those of factor 1 as they are."""
+    levels = np.arange(256)[:, None]
+    tables = [np.rint(np.clip(levels / factor, 0, 255)).astype(np.uint8)[None] for factor in factors]
+    pairs = zip(images, factors, tables, strict=True)
+    return [image if (factor == 1).all() else cv2.LUT(image, table) for image, factor, table in pairs]
+
+
+def _small(image: np.ndarray, width: int) -> UInt8[np.ndarray, "rows columns 3"]:
+    rows = max(round(image.shape[0] * width / image.shape[1]), 16)
+    return cv2.resize(image, (width, rows), interpolation=cv2.INTER_AREA)
