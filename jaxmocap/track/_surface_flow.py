@@ -179,9 +179,7 @@ def _one_source(character, vertices, ids, target, camera, problem, source, setti
         backward = dense_flow(target_here, predicted, settings.preset)
         good = np.zeros(ids.shape, bool)
         good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here, settings)
-        structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(predicted, (0, 0), 1.0), 9, ksize=3)
-        structure = np.maximum(structure, 0.0)  # where the picture is flat, rounding makes it negative
-        weight[box], moved[box] = structure / (structure + 2e-4), forward
+        weight[box], moved[box] = textured(predicted), forward
         picked = pick_samples(good, settings.samples)
         alive = np.arange(settings.samples) < good.sum()
     row, column = np.divmod(picked, ids.shape[1])
@@ -226,6 +224,13 @@ def usable(
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     there = sample_picture(target, columns + forward[..., 0], rows + forward[..., 1])
     return good & (np.abs(there.astype(np.float32) - predicted) < 255 * settings.colour)
+
+
+def textured(picture: UInt8[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
+    """How far the surroundings of a pixel tell where it is, in [0, 1): 0 where they are flat or an edge."""
+    structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(picture, (0, 0), 1.0), 9, ksize=3)
+    structure = np.maximum(structure, 0.0)  # rounding makes it negative where the picture is flat
+    return structure / (structure + 2e-4)
 
 
 def pick_samples(good: Bool[np.ndarray, "height width"], samples: int) -> Int[np.ndarray, "sample"]:

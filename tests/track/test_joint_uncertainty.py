@@ -102,6 +102,15 @@ def test_a_start_takes_its_neighbour_s_and_a_frame_passed_over_none(skeleton):
     assert (np.trace(third, axis1=1, axis2=2) > 0.2).all()
 
 
+def test_a_hessian_that_is_not_finite_tells_nothing_and_spoils_nothing(skeleton):
+    pose, known = pose_of(skeleton), 1e6 * np.eye(39)
+    broken = known.copy()
+    broken[3, 4] = np.nan
+    found = joint_covariances(skeleton, [result(skeleton, pose, known), result(skeleton, pose, broken)], PLAIN)
+    assert np.isfinite(found).all()
+    np.testing.assert_array_equal(found[1], found[0])
+
+
 def test_it_is_positive_definite_however_little_is_known(skeleton):
     rng = np.random.default_rng(2)
     rows = rng.standard_normal((3, 39)) * 1e3

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from jaxmocap.refiners import Shooting
 from jaxmocap.track import FlowSettings, Source, surface_flow
 from jaxmocap.track._least_squares import Rows, descend, free_prior
 from jaxmocap.track._register import draw
-from jaxmocap.track._surface_flow import pick_samples
+from jaxmocap.track._surface_flow import pick_samples, textured
 
 FRAME, SELECTED = 2, 1
 SETTINGS = FlowSettings()
@@ -119,6 +120,19 @@ def test_a_darker_source_is_brought_to_the_brightness_of_the_view(world, selecte
         weight = np.asarray(found.weight)
         assert (weight > 0).mean() > 0.9
         assert np.median(np.linalg.norm(found.residual(vertices), axis=1)[weight > 0]) < 0.003
+
+
+def test_a_picture_that_tells_nothing_has_no_negative_weight():
+    """Rounding makes the smaller eigenvalue negative along some edges, and a negative weight spoils every row."""
+    rng, lowest = np.random.default_rng(0), 0.0
+    for _ in range(20):
+        slope = np.add.outer(rng.normal() * np.arange(200), rng.normal() * np.arange(240))
+        edge = np.where(slope > 20, rng.integers(100, 255), rng.integers(100)).astype(np.uint8)
+        lowest = min(lowest, cv2.cornerMinEigenVal(cv2.GaussianBlur(edge, (0, 0), 1.0), 9, ksize=3).min())
+        assert textured(edge).min() >= 0
+        assert np.median(textured(edge)) < 0.1
+    assert lowest < 0
+    assert textured(rng.integers(0, 255, (200, 240)).astype(np.uint8)).min() > 0.5
 
 
 def test_samples_are_spread_evenly_and_filled_up_with_zero():
