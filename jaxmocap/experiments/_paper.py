@@ -34,6 +34,8 @@ def without(term: str, quality: Literal["draft", "normal", "paper"]) -> Setting:
         return term, {"search": "off", "prediction": "false"}, {}
     if term == "no view-view":
         return term, {"search_energy.terms.view_view.weight": 0.0}, {}
+    if term == "no light":
+        return term, {"light": "off"}, {}
     if term == "no L1":
         plan = Tracker.preset(quality).refine
         assert plan is not None
@@ -114,6 +116,7 @@ def paper(
     whole: Setting = ("all parts", {}, {})
     for name, capture in captures.items():
         parts = [RESCUES[name]] if quick else ["no background", "no search", "no view-view", "no L1"]
+        parts += ["no light"] if name == LIGHT else []  # ours, not the paper's
         settings = [whole, *(without(part, quality) for part in parts)]
         trials += ablation("stories", "part left out", settings, [capture], seeds, base)
     last = captures[ARMS].arguments["num_frames"] - 1
