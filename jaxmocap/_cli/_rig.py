@@ -128,13 +128,16 @@ def _table(report: dict[str, Any], out: Path) -> Table:
     table.add_row("triangles", f"{count['after']:,} of {count['before']:,}{surface}")
     for number, repair in enumerate(report["repairs"] or ["none needed"]):
         table.add_row("" if number else "repairs", repair)
+    folds = ("skin turned inside out", f"{100 * report['turned_out']:.1f} % at the worst limit of a joint")
     if kept:
         table.add_row("size", f"{report['height_m']:.2f} m tall")
         table.add_row("skin", "the file's own is kept")
+        table.add_row(*folds)
         return table
     table.add_row("size", f"{report['height_m']:.2f} m tall, units: {report['units']}")
     table.add_row("axes of the file", f"up {report['up']}, front {report['front']}")
     table.add_row("body against mesh", f"{report['distance_cm']:.1f} cm in the median")
+    table.add_row(*folds)
     if report["front_margin"] is not None:
         table.add_row("front", f"the other way round fits {100 * report['front_margin']:.0f} % worse")
     return table

@@ -8,6 +8,8 @@ import numpy as np
 
 from jaxmocap.character import Character, has_skin, simplify
 
+from ._turned_out import turned_out
+
 
 def brings_skin(path: Path) -> bool:
     """Whether a file is a body model, or a glTF file whose mesh is bound to joints."""
@@ -27,6 +29,7 @@ def keep_skin(
         "skin": "kept",
         "repairs": [f"simplified {before:,} triangles to {after:,}"] if after < before else [],
         "height_m": round(float(np.ptp(np.asarray(character.vertices)[:, 1])), 4),
+        "turned_out": round(turned_out(character), 4),
         "warnings": [],
     }
     return character, report

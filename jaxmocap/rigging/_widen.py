@@ -14,7 +14,7 @@ from ._turned_out import RangeOfMotion
 from ._weights import fewest, unwrung
 
 _ROUNDS = 10
-_WIDTH = 0.04  # metres by which a round blurs the weights
+_WIDTH = 0.04  # metres by which a round blurs the weights, and at least by the length of an edge
 _AROUND = 0.02  # metres around a triangle that turned out, in which it does
 _FINE = 0.01
 _ENOUGH = 0.001  # share of triangles that may turn out without more ado
@@ -34,7 +34,8 @@ def widened(
     equals the one that turns the fewest over all limits. Elsewhere the weights stay as they are.
     """
     limits = RangeOfMotion.of(skeleton)
-    wide, near = (_blur(vertices, faces, width) for width in (_WIDTH, _AROUND))
+    edge = float(np.linalg.norm(vertices[faces[:, 1]] - vertices[faces[:, 0]], axis=1).mean())
+    wide, near = (_blur(vertices, faces, width) for width in (max(_WIDTH, edge), _AROUND))
     best, least = weights, (np.inf, np.inf)
     for number in range(_ROUNDS + 1):
         turned = limits.turned(vertices, faces, weights)
