@@ -16,7 +16,7 @@ from jaxmocap.geometry import vertex_normals
 from ._bind import bind
 from ._embed import Embedding, embed
 from ._fit_template import Points
-from ._keep_skin import brings_skin, keep_skin
+from ._keep_skin import brings_skin, keep_skin, radii_cm
 from ._read_mesh import read_mesh
 from ._repair import Repair, repair
 from ._turned_out import turned_out
@@ -39,7 +39,8 @@ class RiggedMesh:
     the file brought a skin of its own, which is kept. `report` says whether it did (`skin`), what was repaired
     (`repairs`), in which `units` the file was and how tall the person is (`height_m`), which of the file's axes are
     `up` and `front`, how far the body laid into the mesh is from it (`distance_cm`), which share of the
-    triangles turns inside out at the worst limit of a joint (`turned_out`), by what share it fits worse when
+    triangles turns inside out at the worst limit of a joint (`turned_out`), how thick the body is around each
+    bone (`radii_cm`), by what share it fits worse when
     it faces the other way (`front_margin`), and `warnings`.
     """
 
@@ -108,6 +109,7 @@ def rig(
         "front": axis_name(placed.rest_from_file[2, :3]),
         "distance_cm": round(100 * found.distance, 2),
         "turned_out": round(turned_out(character), 4),
+        "radii_cm": radii_cm(character),
         "front_margin": round(found.front_margin, 3) if np.isfinite(found.front_margin) else None,
         "warnings": _warnings(found, clean, tall, sized=bool(height or units)),
     }
