@@ -32,8 +32,8 @@ class Capsules(NamedTuple):
 def capsules(character: Character) -> Capsules:
     """Collision radii (host): per body the median distance, over the area of the skin that it dominates, to its bone.
 
-    Half of a limb's skin lies within its radius, whatever rings or folds a sleeve has. The bone goes from joint to joint;
-    head, hands and feet, which end without one, have theirs in the middle of their skin, as long as it is. A body that
+    Half of a limb's skin lies within its radius, whatever folds a sleeve has. The bone goes from joint to joint; head,
+    hands and feet, which end without one, have theirs in the middle of their skin, as long as it is. A body that
     dominates no skin has radius 0. Nothing is stored: whatever changes the mesh or the proportions changes the radii.
     """
     vertices = np.asarray(character.vertices, np.float64)

@@ -44,7 +44,7 @@ class RangeOfMotion(NamedTuple):
 def turned_out(character: Character) -> float:
     """The largest share of a character's triangles that turn inside out at any limit of any joint: 0 to 1.
 
-    Linear blend skinning (Eq. 1) folds the skin of an armpit or groin where the blend is narrower than the limb is thick.
+    Linear blend skinning (Eq. 1) folds the skin of an armpit or groin where the blend is too narrow.
     """
     parts = (np.asarray(part) for part in (character.vertices, character.faces, character.weights))
     return float(RangeOfMotion.of(character.skeleton).turned(*parts).mean(axis=1).max())
