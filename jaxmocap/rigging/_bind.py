@@ -25,8 +25,8 @@ def bind(
     places: Mapping[str, np.ndarray],
     laid: Float[np.ndarray, "skin 3"],
 ) -> Character:
-    """The character of a clean mesh in the rest frame (metres), with joints and landmarks at `places` and the skin of the
-    template `laid` into it: weights by bone heat, wider where joints would turn the skin inside out."""
+    """The character of a clean mesh in the rest frame (metres), with joints and landmarks at `places` and the
+    template's skin `laid` into it: weights by bone heat, wider where joints would turn the skin inside out."""
     joints = {joint: places[joint] for joint in (*REQUIRED, *_ALL_ELSE)}
     few, their_faces = vertices, faces
     if len(faces) > _PRECISE:
