@@ -2,11 +2,11 @@
 
     python benchmarks/rigging.py [CHARACTER.glb ...] [--out FIGURES.json] [--gate BASELINE.json]
 
-Every character, whose own joints are the truth, becomes bare meshes: as it is, turned in space and in millimetres, with
-z up, mirrored, of 1,000 and 80,000 triangles, a fifth of its triangles missing, with 5 mm of noise, and standing in
-a T-, an A- and a relaxed pose. Printed are the mean and the worst distance of 13 joints from their truth, and the share
-of triangles that turn inside out at the worst limit of any joint. Without characters two built-in bodies are taken, whose like
-the fitting knows: flattering figures. Times are those of the second of two runs.
+Every character, whose own joints are the truth, becomes bare meshes: as it is, turned in space and in millimetres,
+with z up, mirrored, of 1,000 and 80,000 triangles, a fifth of its triangles missing, with 5 mm of noise, and standing
+in a T-, an A- and a relaxed pose. Printed are the mean and the worst distance of 13 joints from their truth, and the
+share of triangles that turn inside out at the worst limit of any joint. Without characters two built-in bodies are
+used, whose like the fitting knows: flattering figures. Times are those of the second of two runs.
 """
 
 import argparse
