@@ -91,7 +91,6 @@ def test_selection_keeps_the_share_of_each_particle_in_proportion_to_its_weight(
     np.testing.assert_allclose(share, 0.75, atol=0.02)
 
 
-@pytest.mark.nans
 def test_beta_reaches_a_known_effective_sample_size():
     gaps = energy_gaps(jnp.array([2.0, 2.0, 2.5, jnp.nan]))
     beta = beta_for_effective_sample_size(gaps, jnp.asarray(0.6), jnp.asarray(1e-2), jnp.asarray(1e7))

@@ -107,7 +107,6 @@ def test_best_if_better_returns_the_lower_of_the_mean_and_the_best(sampler):
         assert info.energy <= info.mean_energy
 
 
-@pytest.mark.nans
 def test_energies_that_are_not_numbers_count_as_infinite(sampler):
     found, info = searched(sampler, Bowl(TARGET, hole=0.05))
     assert found[0] >= 0.05
@@ -115,7 +114,6 @@ def test_energies_that_are_not_numbers_count_as_infinite(sampler):
     assert jnp.all(jnp.isfinite(info.best))
 
 
-@pytest.mark.nans
 def test_nothing_finite_leaves_the_best_at_the_start(sampler):
     found, info = searched(sampler, Bowl(TARGET, hole=jnp.inf))
     np.testing.assert_array_equal(info.best, START)
