@@ -75,7 +75,7 @@ def sound_files(folder: Path) -> dict[str, tuple[Path, Reader]]:
         "COLMAP cameras.txt": (capture / "cameras" / "cameras.txt", cameras),
         "COLMAP images.txt": (capture / "cameras" / "images.txt", cameras),
         "character GLB": (capture / "actor.glb", jm.Character.load),
-        "clip GLB": (capture / "actor.glb", lambda path: read_glb(path, None)),
+        "clip GLB": (capture / "actor.glb", lambda path: read_glb(path, None, None)),
         "BVH": (folder / "clip.bvh", lambda path: read_bvh(path, None)),
         "motion.npz": (folder / "result" / "motion.npz", jm.Motion.load),
     }

@@ -48,6 +48,14 @@ def rig(
             help_behavior_hint="",
         ),
     ] = None,
+    joint: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="NAME=X,Y,Z ...",
+            help="Single ones in the same way, such as l_elbow=0.35,1.2,0.02; they overrule those of the file.",
+            help_behavior_hint="",
+        ),
+    ] = (),
     mapping: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -74,6 +82,7 @@ def rig(
     refuse_unusable(out)
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture is {picture}; a file name that ends in .png was expected.")
+    known = ({} if joints is None else _read_joints(joints)) | _single_joints(joint)
     rigged = rig(
         mesh,
         num_faces=triangles,
@@ -81,7 +90,7 @@ def rig(
         units=units,
         up=up,
         front=front,
-        joints=None if joints is None else _read_joints(joints),
+        joints=known or None,
         mapping=mapping,
         anew=anew,
     )
@@ -118,6 +127,17 @@ def _read_joints(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise InputError(f'{path} must be one table of joint = place, such as {{"l_elbow": [0.35, 1.2, 0.02]}}.')
     return content
+
+
+def _single_joints(texts: tuple[str, ...]) -> dict[str, list[float]]:
+    found = {}
+    for text in texts:
+        name, _, place = text.partition("=")
+        try:
+            found[name] = [float(number) for number in place.split(",")]
+        except ValueError:
+            raise InputError(f"--joint has {text!r}; NAME=X,Y,Z was expected, such as l_elbow=0.35,1.2,0.02.") from None
+    return found
 
 
 def _table(report: dict[str, Any], out: Path) -> Table:

@@ -168,16 +168,29 @@ def test_from_a_file_to_a_character_by_the_command_line(tmp_path, capsys, relaxe
     mesh = tmp_path / "scan.ply"
     trimesh.Trimesh(relaxed[0] * 39.37, relaxed[1], process=False).export(mesh)
     out, picture = tmp_path / "new" / "scan.glb", tmp_path / "scan.png"
-    assert run(["rig", str(mesh), "--out", str(out), "--height", "1.8", "--picture", str(picture), "--json"]) == 0
+    elbow = 39.37 * (relaxed[2]["l_elbow"] + [0.0, 0.0, 0.03])
+    place = "l_elbow=" + ",".join(f"{number:.5f}" for number in elbow)
+    help_given = ["--height", "1.8", "--joint", place]
+    assert run(["rig", str(mesh), "--out", str(out), *help_given, "--picture", str(picture), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["height_m"] == pytest.approx(1.8)
     character = Character.load(out)
     assert float(np.ptp(np.asarray(character.vertices)[:, 1])) == pytest.approx(1.8, abs=1e-3)
     assert character.skeleton.num_dofs == 39
+    from_floor = (elbow[1] / 39.37 - relaxed[0][:, 1].min()) * 1.8 / np.ptp(relaxed[0][:, 1])
+    assert character.skeleton.landmark("l_elbow")[1] == pytest.approx(from_floor, abs=1e-3)
     assert picture.stat().st_size > 10_000
     assert run(["rig", str(mesh), "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
     np.testing.assert_array_equal(np.asarray(open_actor(out).weights), np.asarray(character.weights))
+
+
+@pytest.mark.parametrize("text", ["l_elbow", "l_elbow=1,x,2", "l_elbow=1,2", "l_tail=1,2,3"])
+def test_single_joints_that_make_no_sense_are_refused(text, tmp_path, capsys, relaxed):
+    mesh = tmp_path / "scan.ply"
+    trimesh.Trimesh(*relaxed[:2], process=False).export(mesh)
+    assert run(["rig", str(mesh), "--out", str(tmp_path / "him.glb"), "--joint", text]) == 2
+    assert "expected" in (said := capsys.readouterr().err) or "is no joint" in said
 
 
 def test_a_skin_that_the_file_brings_is_kept_and_simplified(tmp_path, capsys):
