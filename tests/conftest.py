@@ -28,6 +28,18 @@ def data() -> Path:
     return DATA
 
 
+@pytest.fixture(autouse=True)
+def _nans_on_purpose(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Where JAX_DEBUG_NANS is set, tests with the marker `nans` are left out of it."""
+    if request.node.get_closest_marker("nans") is None:
+        yield
+        return
+    import jax
+
+    with jax.debug_nans(False):
+        yield
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forget_programs() -> Iterator[None]:
     """Drop the compiled programs of each file. Every one takes memory maps of the process, of which the kernel allows

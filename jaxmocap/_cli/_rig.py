@@ -48,6 +48,14 @@ def rig(
             help_behavior_hint="",
         ),
     ] = None,
+    joint: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="NAME=X,Y,Z ...",
+            help="Single ones in the same way, such as l_elbow=0.35,1.2,0.02; they overrule those of the file.",
+            help_behavior_hint="",
+        ),
+    ] = (),
     mapping: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -74,6 +82,7 @@ def rig(
     refuse_unusable(out)
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture is {picture}; a file name that ends in .png was expected.")
+    known = ({} if joints is None else _read_joints(joints)) | _single_joints(joint)
     rigged = rig(
         mesh,
         num_faces=triangles,
@@ -81,7 +90,7 @@ def rig(
         units=units,
         up=up,
         front=front,
-        joints=None if joints is None else _read_joints(joints),
+        joints=known or None,
         mapping=mapping,
         anew=anew,
     )
@@ -120,6 +129,17 @@ def _read_joints(path: Path) -> dict[str, Any]:
     return content
 
 
+def _single_joints(texts: tuple[str, ...]) -> dict[str, list[float]]:
+    found = {}
+    for text in texts:
+        name, _, place = text.partition("=")
+        try:
+            found[name] = [float(number) for number in place.split(",")]
+        except ValueError:
+            raise InputError(f"--joint has {text!r}; NAME=X,Y,Z was expected, such as l_elbow=0.35,1.2,0.02.") from None
+    return found
+
+
 def _table(report: dict[str, Any], out: Path) -> Table:
     table = Table(title=str(out), title_justify="left", show_header=False)
     count = report["triangles"]
@@ -128,13 +148,16 @@ def _table(report: dict[str, Any], out: Path) -> Table:
     table.add_row("triangles", f"{count['after']:,} of {count['before']:,}{surface}")
     for number, repair in enumerate(report["repairs"] or ["none needed"]):
         table.add_row("" if number else "repairs", repair)
+    folds = ("skin turned inside out", f"{100 * report['turned_out']:.1f} % at the worst limit of a joint")
     if kept:
         table.add_row("size", f"{report['height_m']:.2f} m tall")
         table.add_row("skin", "the file's own is kept")
+        table.add_row(*folds)
         return table
     table.add_row("size", f"{report['height_m']:.2f} m tall, units: {report['units']}")
     table.add_row("axes of the file", f"up {report['up']}, front {report['front']}")
     table.add_row("body against mesh", f"{report['distance_cm']:.1f} cm in the median")
+    table.add_row(*folds)
     if report["front_margin"] is not None:
         table.add_row("front", f"the other way round fits {100 * report['front_margin']:.0f} % worse")
     return table

@@ -14,6 +14,7 @@ from ._body_shape import (
     scaled as scaled,
 )
 from ._build import angles_at_rest as angles_at_rest, build_skeleton as build_skeleton
+from ._capsules import Capsules as Capsules, capsules as capsules
 from ._character import Character as Character
 from ._dof_table import BODIES as BODIES
 from ._glb_buffer import GlbBuffer as GlbBuffer, glb_bytes as glb_bytes

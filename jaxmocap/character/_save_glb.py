@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ._capsules import capsules
 from ._dof_table import BODIES
 from ._glb_buffer import GlbBuffer, glb_bytes
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 def save_glb(character: "Character", path: Path) -> Path:
     """One mesh, one skin of 18 joints standing at rest, as many sets of four weights as the mesh needs.
 
-    Landmarks and the joints' exact places go into the skin's `extras`, which other programs ignore.
+    Landmarks, the joints' exact places and a capsule per bone go into the skin's `extras`, which other programs ignore.
     """
     skeleton = character.skeleton
     joints = np.array([skeleton.landmark(joint) for _, _, joint in BODIES], dtype="<f4")
@@ -41,13 +42,21 @@ def save_glb(character: "Character", path: Path) -> Path:
                 "joints": list(range(len(joints))),
                 "skeleton": 0,
                 "inverseBindMatrices": binds,
-                "extras": {"jaxmocap_landmarks": landmarks},
+                "extras": {"jaxmocap_landmarks": landmarks, "jaxmocap_capsules": _capsules(character)},
             }
         ],
         **writer.tables(),
     }
     path.write_bytes(glb_bytes(document, bytes(writer.data)))
     return path
+
+
+def _capsules(character: "Character") -> dict[str, dict[str, object]]:
+    rows = zip(*(part.round(6).tolist() for part in capsules(character)), strict=True)
+    return {
+        body: {"start": start, "end": end, "radius": radius}
+        for (body, _, _), (start, end, radius) in zip(BODIES, rows, strict=True)
+    }
 
 
 def _nodes(joints: np.ndarray, parents: tuple[int, ...]) -> list[dict[str, object]]:

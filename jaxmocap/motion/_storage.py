@@ -18,6 +18,7 @@ D = 39 degrees of freedom, J joints, B = 18 bodies, C cameras. Metres, radians, 
     body_names, body_parents (B,), dof_body, dof_lower, dof_upper (33,), dof_axes, dof_origins (33, 3)
     group_names (G,), group_sizes (G,), group_dofs (sum of sizes,)                          degrees of freedom by limb
     landmark_bodies (J,), landmarks (J, 3)                                                  at rest
+    capsules (B, 7)              per body the ends of a segment and a radius around it, at rest; made of the mesh
     up (), provenance ()         "y" or "z"; a JSON text
     camera_names (C,), camera_sizes (C, 2), camera_intrinsics (C, 3, 3), camera_distortion (C, 5),
     cam_from_world (C, T, 4, 4)  only where the cameras are known
@@ -39,7 +40,7 @@ import numpy as np
 from jaxmocap._atomic import atomic_path, json_text, npz_bytes, plain
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
-from jaxmocap.character import Character, Skeleton
+from jaxmocap.character import Character, Skeleton, capsules
 
 from ._motion import Motion
 
@@ -153,6 +154,8 @@ def _arrays(motion: Motion) -> dict[str, np.ndarray]:
     arrays |= {"group_sizes": [len(dofs) for _, dofs in skeleton.groups]}
     arrays |= {"group_dofs": [dof for _, dofs in skeleton.groups for dof in dofs]}
     arrays |= {"landmark_bodies": skeleton.landmark_bodies, "landmarks": skeleton.landmarks}
+    starts, ends, radii = capsules(character)
+    arrays |= {"capsules": np.hstack([starts, ends, radii[:, None]]).astype(np.float32)}
     lasting = {name: value for name, value in motion.provenance.items() if name not in _WALL_CLOCK}
     arrays |= {"up": motion.up, "provenance": json.dumps(plain(lasting), sort_keys=True, allow_nan=False)}
     if motion.covariance is not None:

@@ -3,3 +3,4 @@
 from ._body import body as body
 from ._open_actor import open_actor as open_actor
 from ._rig import RiggedMesh as RiggedMesh, rig as rig
+from ._turned_out import turned_out as turned_out

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxmocap.character import Character, has_skin, simplify
+from jaxmocap.character import Character, capsules, has_skin, simplify
+
+from ._turned_out import turned_out
 
 
 def brings_skin(path: Path) -> bool:
@@ -27,6 +29,14 @@ def keep_skin(
         "skin": "kept",
         "repairs": [f"simplified {before:,} triangles to {after:,}"] if after < before else [],
         "height_m": round(float(np.ptp(np.asarray(character.vertices)[:, 1])), 4),
+        "turned_out": round(turned_out(character), 4),
+        "radii_cm": radii_cm(character),
         "warnings": [],
     }
     return character, report
+
+
+def radii_cm(character: Character) -> dict[str, float]:
+    """The radius of each bone's capsule, centimetres."""
+    radii = 100 * capsules(character).radii
+    return {body: round(float(radius), 2) for body, radius in zip(character.skeleton.body_names, radii, strict=True)}

@@ -8,24 +8,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
-from scipy.spatial import KDTree
 
 from jaxmocap._results import InputError
 from jaxmocap.character import REQUIRED, Character
 from jaxmocap.geometry import vertex_normals
 
+from ._bind import bind
 from ._embed import Embedding, embed
 from ._fit_template import Points
-from ._keep_skin import brings_skin, keep_skin
+from ._keep_skin import brings_skin, keep_skin, radii_cm
 from ._read_mesh import read_mesh
 from ._repair import Repair, repair
+from ._turned_out import turned_out
 from ._units import ADULT, metres_per_unit
 from ._upright import AXES, axis_name, upright
-from ._weights import fewest, skin_weights
 
 _SAMPLES = 4000
-_PRECISE = 8000  # triangles that weights are solved for; finer meshes take theirs from a simplified copy
-_ALL_ELSE = ("spine", "thorax", "l_clavicle", "r_clavicle", "pelvis", "head")
 _FAR, _COVERED = 0.045, 0.5
 _SURE = 0.05
 _FEWEST, _MOST = 300, 200_000
@@ -40,7 +38,9 @@ class RiggedMesh:
     `rest_from_file` (4, 4) takes the file's units and axes to the character's metres and rest frame; it is None where
     the file brought a skin of its own, which is kept. `report` says whether it did (`skin`), what was repaired
     (`repairs`), in which `units` the file was and how tall the person is (`height_m`), which of the file's axes are
-    `up` and `front`, how far the body laid into the mesh is from it (`distance_cm`), by what share it fits worse when
+    `up` and `front`, how far the body laid into the mesh is from it (`distance_cm`), which share of the
+    triangles turns inside out at the worst limit of a joint (`turned_out`), how thick the body is around each
+    bone (`radii_cm`), by what share it fits worse when
     it faces the other way (`front_margin`), and `warnings`.
     """
 
@@ -95,10 +95,8 @@ def rig(
     turned = _in_rest_frame(clean, found, pins)
     metre, unit = metres_per_unit(label, float(np.ptp(turned.vertices[:, 1])), height, units)
     placed = turned.scaled(metre)
-    weights = _weights(placed.vertices, clean.faces, placed.places, placed.laid)
-    skeleton_joints = {joint: placed.places[joint] for joint in (*REQUIRED, *_ALL_ELSE)}
     title = name or (Path(mesh).stem if isinstance(mesh, str | Path) else "rigged mesh")
-    character = Character.from_mesh(title, placed.vertices, clean.faces, weights, skeleton_joints)
+    character = bind(title, placed.vertices, clean.faces, placed.places, placed.laid)
     tall = float(np.ptp(placed.vertices[:, 1]))
     report = {
         "triangles": {"before": before, "after": len(clean.faces)},
@@ -110,6 +108,8 @@ def rig(
         "up": axis_name(placed.rest_from_file[1, :3]),
         "front": axis_name(placed.rest_from_file[2, :3]),
         "distance_cm": round(100 * found.distance, 2),
+        "turned_out": round(turned_out(character), 4),
+        "radii_cm": radii_cm(character),
         "front_margin": round(found.front_margin, 3) if np.isfinite(found.front_margin) else None,
         "warnings": _warnings(found, clean, tall, sized=bool(height or units)),
     }
@@ -155,19 +155,6 @@ def _samples(clean: Repair) -> Points:
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     order = np.random.default_rng(0).permutation(len(places))
     return Points(np.asarray(places, np.float64)[order], normals[order])
-
-
-def _weights(vertices: np.ndarray, faces: np.ndarray, places: Mapping[str, np.ndarray], laid: np.ndarray) -> np.ndarray:
-    if len(faces) <= _PRECISE:
-        return skin_weights(vertices, faces, places, laid)
-    mesh = trimesh.Trimesh(vertices, faces, process=False).simplify_quadric_decimation(face_count=_PRECISE)
-    few, their_faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-    weights = skin_weights(few, their_faces, places, laid)
-    near = Points(few, vertex_normals(few, their_faces))
-    distance, index = KDTree(near.keys()).query(Points(vertices, vertex_normals(vertices, faces)).keys(), k=3)
-    share = 1.0 / np.maximum(distance, 1e-6)
-    blended = np.einsum("vk,vkb->vb", share / share.sum(axis=1, keepdims=True), weights[index])
-    return fewest(blended)
 
 
 def _person(found: Embedding | None, label: str) -> Embedding:

@@ -70,7 +70,7 @@ def skin_weights(
     system = (stiffness + sparse.diags(warmth)).tocsc()
     weights = splu(system).solve(warmth[:, None] * (ties / ties.sum(axis=1, keepdims=True)))
     weights = _smoothed(np.clip(weights, 0.0, 1.0), faces)
-    weights = _unwrung(weights, vertices, places)
+    weights = unwrung(weights, vertices, places)
     return fewest(weights)
 
 
@@ -105,7 +105,7 @@ def _smoothed(weights: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return 0.5 * (weights + (links @ weights) / np.maximum(np.asarray(links.sum(axis=1)).ravel(), 1)[:, None])
 
 
-def _unwrung(weights: np.ndarray, vertices: np.ndarray, places: Mapping[str, np.ndarray]) -> np.ndarray:
+def unwrung(weights: np.ndarray, vertices: np.ndarray, places: Mapping[str, np.ndarray]) -> np.ndarray:
     """The hand only turns about the forearm: its weight grows linearly from the elbow to the wrist."""
     weights = weights.copy()
     for side in "lr":

@@ -17,7 +17,8 @@ def energy_gaps(energies: Float[Array, "particle"]) -> Float[Array, "particle"]:
     """Energies above the lowest one; +inf where not finite; all zero if no energy is finite."""
     finite = jnp.isfinite(energies)
     lowest = jnp.min(jnp.where(finite, energies, jnp.inf))
-    gaps = jnp.where(finite, energies - jnp.where(jnp.any(finite), lowest, 0.0), jnp.inf)
+    known = jnp.where(finite, energies, 0.0)
+    gaps = jnp.where(finite, known - jnp.where(jnp.any(finite), lowest, 0.0), jnp.inf)
     return jnp.where(jnp.any(finite), gaps, jnp.zeros_like(gaps))
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmocap import Character, InputError, rig
 from jaxmocap._cli import run
-from jaxmocap.rigging import open_actor
+from jaxmocap.rigging import _widen, open_actor
 
 MEAN, WORST = 2.5, 5.0  # centimetres
 
@@ -47,6 +47,28 @@ def test_weights_are_a_partition_over_four_bones_and_no_triangle_turns_out(rigge
     assert weights.min() >= 0
     assert np.count_nonzero(weights, axis=1).max() <= 4
     assert turned_out(rigged.character) <= 0.01
+    assert rigged.report["turned_out"] == pytest.approx(turned_out(rigged.character), abs=1e-4)
+
+
+def test_blends_are_widened_where_the_skin_would_turn_inside_out_and_nowhere_else(rigged, relaxed, monkeypatch):
+    monkeypatch.setattr(_widen, "_ROUNDS", 0)
+    heat = rig(relaxed[:2])
+    assert rigged.report["turned_out"] < 0.85 * heat.report["turned_out"]
+    skeleton, vertices = rigged.character.skeleton, np.asarray(rigged.character.vertices)
+    middle = 0.5 * (skeleton.landmark("l_knee") + skeleton.landmark("l_ankle"))
+    shin = np.linalg.norm(vertices - np.asarray(middle), axis=1) < 0.08
+    assert shin.sum() > 10
+    np.testing.assert_allclose(rigged.character.weights[shin], heat.character.weights[shin], atol=0.01)
+
+
+@pytest.mark.parametrize("num_faces", [1000, 12_000])
+def test_meshes_of_few_and_of_many_triangles_do_not_turn_out(num_faces, relaxed):
+    mesh = trimesh.Trimesh(*relaxed[:2], process=False)
+    if num_faces > len(mesh.faces):
+        mesh = mesh.subdivide()
+    rigged = rig((np.asarray(mesh.vertices), np.asarray(mesh.faces)), num_faces=num_faces)
+    assert turned_out(rigged.character) <= 0.01
+    within_bounds(rigged, relaxed[2])
 
 
 def test_the_hand_takes_over_linearly_along_the_forearm(rigged):
@@ -146,16 +168,29 @@ def test_from_a_file_to_a_character_by_the_command_line(tmp_path, capsys, relaxe
     mesh = tmp_path / "scan.ply"
     trimesh.Trimesh(relaxed[0] * 39.37, relaxed[1], process=False).export(mesh)
     out, picture = tmp_path / "new" / "scan.glb", tmp_path / "scan.png"
-    assert run(["rig", str(mesh), "--out", str(out), "--height", "1.8", "--picture", str(picture), "--json"]) == 0
+    elbow = 39.37 * (relaxed[2]["l_elbow"] + [0.0, 0.0, 0.03])
+    place = "l_elbow=" + ",".join(f"{number:.5f}" for number in elbow)
+    help_given = ["--height", "1.8", "--joint", place]
+    assert run(["rig", str(mesh), "--out", str(out), *help_given, "--picture", str(picture), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["height_m"] == pytest.approx(1.8)
     character = Character.load(out)
     assert float(np.ptp(np.asarray(character.vertices)[:, 1])) == pytest.approx(1.8, abs=1e-3)
     assert character.skeleton.num_dofs == 39
+    from_floor = (elbow[1] / 39.37 - relaxed[0][:, 1].min()) * 1.8 / np.ptp(relaxed[0][:, 1])
+    assert character.skeleton.landmark("l_elbow")[1] == pytest.approx(from_floor, abs=1e-3)
     assert picture.stat().st_size > 10_000
     assert run(["rig", str(mesh), "--out", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
     np.testing.assert_array_equal(np.asarray(open_actor(out).weights), np.asarray(character.weights))
+
+
+@pytest.mark.parametrize("text", ["l_elbow", "l_elbow=1,x,2", "l_elbow=1,2", "l_tail=1,2,3"])
+def test_single_joints_that_make_no_sense_are_refused(text, tmp_path, capsys, relaxed):
+    mesh = tmp_path / "scan.ply"
+    trimesh.Trimesh(*relaxed[:2], process=False).export(mesh)
+    assert run(["rig", str(mesh), "--out", str(tmp_path / "him.glb"), "--joint", text]) == 2
+    assert "expected" in (said := capsys.readouterr().err) or "is no joint" in said
 
 
 def test_a_skin_that_the_file_brings_is_kept_and_simplified(tmp_path, capsys):
@@ -200,6 +235,7 @@ def test_files_that_hold_no_mesh_are_refused(name, content, words, tmp_path):
 @pytest.mark.parametrize("capture", ["plaza", "street"])
 def test_scans_of_the_captures_get_the_joints_of_their_skinned_twins(capture, data):
     truth = Character.load(data / capture / "actor.glb").skeleton
-    rigged = rig(data / capture / "actor.obj")
-    within_bounds(rigged, {joint: np.asarray(truth.landmark(joint)) for joint in JOINTS})
-    assert turned_out(rigged.character) <= 0.01
+    for num_faces in (5000, 1000):
+        rigged = rig(data / capture / "actor.obj", num_faces=num_faces)
+        within_bounds(rigged, {joint: np.asarray(truth.landmark(joint)) for joint in JOINTS})
+        assert turned_out(rigged.character) <= 0.01

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from golden import hold_against_golden
 
 from jaxmocap._pipeline import track_capture
 from jaxmocap._results import InputError
@@ -68,6 +69,15 @@ def test_the_folder_holds_the_result(result):
     assert set(loaded.energy) == {"model_view", "view_view", "posture", "covered"}
     assert all(np.all(np.isfinite(values)) for values in loaded.energy.values())
     assert ("track", 6, 6) in told
+
+
+def test_the_result_is_the_golden_one(result):
+    hold_against_golden(result[0], "synthetic")
+
+
+def test_the_first_frames_of_plaza_are_the_golden_ones(data, tmp_path):
+    motion = track_capture(data / "plaza", tmp_path / "plaza", quality="draft", overlays=False, frames=(0, 12))
+    hold_against_golden(motion, "plaza")
 
 
 def test_the_same_seed_gives_the_same_bytes(folder, result, tmp_path):

@@ -1,0 +1,91 @@
+"""The body as capsules: one per bone, for whoever asks what touches what."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ._character import Character
+from ._dof_table import BODIES
+
+_CENTRE = {"pelvis": ("l_hip", "r_hip"), "abdomen": ("spine", "thorax"), "chest": ("thorax", "neck")}
+_SIDE = {
+    "clavicle": ("clavicle", "shoulder"),
+    "upper_arm": ("shoulder", "elbow"),
+    "forearm": ("elbow", "wrist"),
+    "thigh": ("hip", "knee"),
+    "shank": ("knee", "ankle"),
+}
+_ALONG = {"head": ("neck", "head"), "hand": ("elbow", "wrist"), "foot": ("heel", "toe")}
+"""Bodies at whose end is no joint: which way they point."""
+_INNER = 0.1  # of the bone's length that is left out at both ends, where the skin belongs to the joint
+
+
+class Capsules(NamedTuple):
+    """A segment and a radius around it per body, in the order of `skeleton.body_names`; rest frame, metres."""
+
+    starts: Float[np.ndarray, "bone 3"]
+    ends: Float[np.ndarray, "bone 3"]
+    radii: Float[np.ndarray, " bone"]
+
+
+def capsules(character: Character) -> Capsules:
+    """Collision radii (host): per body the median distance, over the area of the skin that it dominates, to its bone.
+
+    Half of a limb's skin lies within its radius, whatever folds a sleeve has. The bone goes from joint to joint; head,
+    hands and feet, which end without one, have theirs in the middle of their skin, as long as it is. A body that
+    dominates no skin has radius 0. Nothing is stored: whatever changes the mesh or the proportions changes the radii.
+    """
+    vertices = np.asarray(character.vertices, np.float64)
+    owner, area = np.asarray(character.weights).argmax(axis=1), _areas(vertices, np.asarray(character.faces))
+    starts, ends, radii = np.zeros((len(BODIES), 3)), np.zeros((len(BODIES), 3)), np.zeros(len(BODIES))
+    for number, (body, _, joint) in enumerate(BODIES):
+        side, part = (body[:2], body[2:]) if body[:2] in ("l_", "r_") else ("", body)
+        free = part in _ALONG
+        pair = _ALONG[part] if free else (_SIDE[part] if side else _CENTRE[part])
+        a, b = (np.asarray(character.skeleton.landmark(_sided(name, side)), np.float64) for name in pair)
+        skin, size = vertices[owner == number], area[owner == number]
+        starts[number] = ends[number] = np.asarray(character.skeleton.landmark(joint))
+        if len(skin) and free:
+            starts[number], ends[number], radii[number] = _around(skin, size, b - a)
+        elif len(skin):
+            starts[number], ends[number], radii[number] = a, b, _radius(skin, size, a, b)
+    return Capsules(starts, ends, radii)
+
+
+def _sided(name: str, side: str) -> str:
+    return name if name in ("neck", "head") else side + name
+
+
+def _areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """A third of the area of the faces around each vertex, square metres."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+    return np.bincount(faces.ravel(), np.repeat(third, 3), len(vertices))
+
+
+def _radius(skin: np.ndarray, size: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
+    length = float(np.linalg.norm(b - a))
+    along = (skin - a) @ (b - a) / max(length, 1e-9) ** 2
+    beside = (along > _INNER) & (along < 1 - _INNER)
+    if not beside.any():
+        beside[:] = True
+    off = skin[beside] - a - np.clip(along[beside], 0, 1)[:, None] * (b - a)
+    return _median(np.linalg.norm(off, axis=1), size[beside])
+
+
+def _around(skin: np.ndarray, size: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The capsule along a direction that reaches from one end of the skin to the other."""
+    way = way / max(float(np.linalg.norm(way)), 1e-9)
+    centre = (size / max(size.sum(), 1e-12)) @ skin
+    along = (skin - centre) @ way
+    low, high = float(along.min()), float(along.max())
+    radius = _radius(skin, size, centre + low * way, centre + high * way)
+    inset = min(radius, 0.5 * (high - low))
+    return centre + (low + inset) * way, centre + (high - inset) * way, radius
+
+
+def _median(values: np.ndarray, size: np.ndarray) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(size[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
