@@ -79,6 +79,7 @@ def _frame_report(result: FrameResult) -> dict:
         "frame": result.frame,
         "status": result.status,
         "energy": {name: round(value, 5) for name, value in result.energy.items()},
+        "signals": None if result.signals is None else result.signals.as_json(),
         "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
     }
 
