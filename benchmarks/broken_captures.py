@@ -101,7 +101,8 @@ def _write(
     selected = (capture.selected_frames or (0,)) if selected is None else selected
     selected = [frame for frame in selected if frame < len(frames[0])]
     actor = capture.actor if actor is None else actor
-    assert actor is not None and capture.truth is not None
+    assert actor is not None
+    assert capture.truth is not None
     for part in ("keypoints", "masks"):
         (folder / part).mkdir(parents=True)
     shutil.copyfile(actor, folder / f"actor{actor.suffix}")
@@ -113,7 +114,9 @@ def _write(
         with open_video(folder / f"{name}.mp4", quality=10) as video:
             for number, frame in enumerate(frames[camera]):
                 image = capture.image(camera, int(frame))
-                video.write(number / capture.fps, cv2.resize(image, cameras.sizes[camera], interpolation=cv2.INTER_AREA))
+                video.write(
+                    number / capture.fps, cv2.resize(image, cameras.sizes[camera], interpolation=cv2.INTER_AREA)
+                )
         for frame in selected:
             points = _points(capture, camera, int(frames[camera][frame]))
             points[:, :2] *= SCALE
