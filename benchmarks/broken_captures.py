@@ -1,7 +1,4 @@
-"""Captures that are wrong on purpose: copies of a good one, half as large, with one mistake that people make.
-
-Each begins at a selected frame of the good one, `first`, which is the only selected frame it has.
-"""
+"""Captures that are wrong on purpose: copies of a good one, half as large, with one mistake that people make."""
 
 import json
 import shutil
@@ -28,100 +25,98 @@ SCALE = 0.5
 _PLACES = {"pelvis": ("l_hip", "r_hip")}
 
 
-def copied(source: Path, folder: Path, first: int) -> Path:
+def copied(source: Path, folder: Path) -> Path:
     """Nothing is wrong."""
-    return _write(Capture.open(source), folder, first)
+    return _write(Capture.open(source), folder)
 
 
-def wrong_focal_length(source: Path, folder: Path, first: int, factor: float = 1.2) -> Path:
+def wrong_focal_length(source: Path, folder: Path, factor: float = 1.2) -> Path:
     """Every camera's focal length multiplied."""
     capture = Capture.open(source)
     intrinsics = capture.cameras.intrinsics.at[:, [0, 1], [0, 1]].multiply(factor)
-    return _write(capture, folder, first, cameras=replace(capture.cameras, intrinsics=intrinsics))
+    return _write(capture, folder, cameras=replace(capture.cameras, intrinsics=intrinsics))
 
 
-def swapped_cameras(source: Path, folder: Path, first: int) -> Path:
+def swapped_cameras(source: Path, folder: Path) -> Path:
     """The first two cameras have each other's calibration."""
     capture = Capture.open(source)
     order, cameras = jnp.array([1, 0, *range(2, capture.num_cameras)]), capture.cameras
     swapped = replace(cameras, intrinsics=cameras.intrinsics[order], cam_from_world=cameras.cam_from_world[order])
-    return _write(capture, folder, first, cameras=swapped)
+    return _write(capture, folder, cameras=swapped)
 
 
-def turned_camera(source: Path, folder: Path, first: int, degrees: float = 2.0) -> Path:
+def turned_camera(source: Path, folder: Path, degrees: float = 2.0) -> Path:
     """The second camera has been pushed: it looks some degrees aside, about all three axes."""
     capture = Capture.open(source)
     turn = jnp.eye(4).at[:3, :3].set(so3_exp(jnp.full(3, np.radians(degrees) / np.sqrt(3))))
     poses = capture.cameras.cam_from_world
-    return _write(
-        capture, folder, first, cameras=replace(capture.cameras, cam_from_world=poses.at[1].set(turn @ poses[1]))
-    )
+    return _write(capture, folder, cameras=replace(capture.cameras, cam_from_world=poses.at[1].set(turn @ poses[1])))
 
 
-def late_camera(source: Path, folder: Path, first: int, seconds: float = 0.2) -> Path:
+def late_camera(source: Path, folder: Path, seconds: float = 0.2) -> Path:
     """The second camera started later, and nobody knows; it moves as its pictures say."""
     capture = Capture.open(source)
     late = round(seconds * capture.fps)
-    ahead = np.arange(first, capture.num_frames - late)
+    ahead = np.arange(capture.num_frames - late)
     frames = [ahead + late if camera == 1 else ahead for camera in range(capture.num_cameras)]
-    return _write(capture, folder, first, frames=frames, posed=frames)
+    return _write(capture, folder, frames=frames, posed=frames)
 
 
-def stopped_camera(source: Path, folder: Path, first: int, frame: int = 4) -> Path:
-    """The second camera's picture stands still from a frame on."""
+def stopped_camera(source: Path, folder: Path, frame: int) -> Path:
+    """The second camera's picture stands still from a frame on, after the selected frames."""
     capture = Capture.open(source)
-    ahead = np.arange(first, capture.num_frames)
-    frames = [np.minimum(ahead, first + frame) if camera == 1 else ahead for camera in range(capture.num_cameras)]
-    return _write(capture, folder, first, frames=frames)
+    ahead = np.arange(capture.num_frames)
+    frames = [np.minimum(ahead, frame) if camera == 1 else ahead for camera in range(capture.num_cameras)]
+    return _write(capture, folder, frames=frames)
 
 
-def other_actor(source: Path, folder: Path, first: int, actor: Path) -> Path:
+def other_actor(source: Path, folder: Path, actor: Path) -> Path:
     """Somebody else's mesh."""
-    return _write(Capture.open(source), folder, first, actor=actor)
+    return _write(Capture.open(source), folder, actor=actor)
 
 
 def _write(
     capture: Capture,
     folder: Path,
-    first: int,
     *,
     cameras: Cameras | None = None,
     frames: Sequence[np.ndarray] | None = None,
     posed: Sequence[np.ndarray] | None = None,
     actor: Path | None = None,
 ) -> Path:
-    """A copy from frame `first` on, undistorted. Camera c shows the frames `frames[c]` of the capture and is said to be
+    """A copy, undistorted. Camera c shows the frames `frames[c]` of the capture and is said to be
     where it was at the frames `posed[c]`; with other cameras or another actor if they are given."""
-    ahead = [np.arange(first, capture.num_frames) for _ in range(capture.num_cameras)]
+    ahead = [np.arange(capture.num_frames) for _ in range(capture.num_cameras)]
     frames, posed = ahead if frames is None else frames, ahead if posed is None else posed
     actor = capture.actor if actor is None else actor
     assert actor is not None
+    assert capture.truth is not None
     cameras = _smaller(capture.cameras if cameras is None else cameras, posed)
     for part in ("keypoints", "masks"):
         (folder / part).mkdir(parents=True)
     shutil.copyfile(actor, folder / f"actor{actor.suffix}")
     write_colmap_text(cameras, folder / "cameras")
-    _write_truth(capture, first, folder / "truth.npz")
-    entries = ""
+    shutil.copyfile(capture.truth, folder / "truth.npz")
+    selected, entries = capture.selected_frames or (0,), ""
     for camera, (name, size) in enumerate(zip(capture.camera_names, cameras.sizes, strict=True)):
         entries += f'\n[[camera]]\nname = "{name}"\nvideo = "{name}.mp4"\n'
         with open_video(folder / f"{name}.mp4", quality=10) as video:
             for number, frame in enumerate(frames[camera]):
                 image = cv2.resize(capture.image(camera, int(frame)), size, interpolation=cv2.INTER_AREA)
                 video.write(number / capture.fps, image)
-        begin = int(frames[camera][0])
-        points = _points(capture, camera, begin)
-        points[:, :2] *= SCALE
-        people = [{"person_id": [-1], "pose_keypoints_2d": points.round(3).ravel().tolist()}]
-        file = folder / "keypoints" / f"{name}_00000_keypoints.json"
-        file.write_text(json.dumps({"version": 1.3, "people": people}))
-        mask = capture.mask(camera, begin)
-        if mask is not None:
-            small = cv2.resize(255 * mask.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
-            cv2.imwrite(str(folder / "masks" / f"{name}_00000.png"), small)
+        for frame in selected:
+            points = _points(capture, camera, int(frames[camera][frame]))
+            points[:, :2] *= SCALE
+            people = [{"person_id": [-1], "pose_keypoints_2d": points.round(3).ravel().tolist()}]
+            file = folder / "keypoints" / f"{name}_{frame:05d}_keypoints.json"
+            file.write_text(json.dumps({"version": 1.3, "people": people}))
+            mask = capture.mask(camera, int(frames[camera][frame]))
+            if mask is not None:
+                small = cv2.resize(255 * mask.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
+                cv2.imwrite(str(folder / "masks" / f"{name}_{frame:05d}.png"), small)
     (folder / "capture.toml").write_text(
         f'name = "{folder.name}"\nfps = {capture.fps:g}\nframes = {len(frames[0])}\nup = "{capture.up}"\n'
-        f'actor = "actor{actor.suffix}"\ncameras = "cameras"\nselected_frames = [0]\n'
+        f'actor = "actor{actor.suffix}"\ncameras = "cameras"\nselected_frames = {list(selected)}\n'
         f'keypoints = "keypoints"\nmasks = "masks"\ntruth = "truth.npz"\n{entries}'
     )
     return folder
@@ -136,13 +131,6 @@ def _smaller(cameras: Cameras, posed: Sequence[np.ndarray]) -> Cameras:
         distortion=jnp.zeros_like(cameras.distortion),
         cam_from_world=jnp.stack([cameras.cam_from_world[camera, frames] for camera, frames in enumerate(posed)]),
     )
-
-
-def _write_truth(capture: Capture, first: int, path: Path) -> None:
-    assert capture.truth is not None
-    with np.load(capture.truth) as truth:
-        kept = {name: truth[name] for name in ("joint_names", "fps") if name in truth}
-        np.savez(path, **kept, **{name: truth[name][first:] for name in ("joints", "markers") if name in truth})
 
 
 def _even(length: int) -> int:

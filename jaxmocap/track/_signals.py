@@ -18,8 +18,9 @@ _LEAST_PIXELS = 100
 
 @dataclass(frozen=True)
 class FrameSignals:
-    """Per camera, of the pixels the body covers: `costs`, the mean of Eq. 6; `bare`, the share that looks like the
-    background; and, as a share of as many, the pixels beside it that look foreign, `uncovered`.
+    """Per camera, of the pixels the body covers: `costs`, the mean of Eq. 6, and `bare`, the share of those before a
+    known background that look like it; and, as a share of all of them, the pixels beside the body that look foreign,
+    `uncovered`.
 
     Per ordered pair of cameras, of the pixels whose surface the other camera shows too: `matched`, the share at which
     both pictures show the same, as far as optical flow can tell; and `view_gaps`, the median distance in metres of what
@@ -60,14 +61,15 @@ def frame_signals(
     settings: FlowSettings,
 ) -> FrameSignals:
     """The signals of a pose that `seen` has drawn."""
-    covered, foreign = seen.ids >= 0, np.asarray(problem.background) > 0.5
+    covered, background = seen.ids >= 0, np.asarray(problem.background)
+    foreign, alike = background > 0.5, background < 0.5  # 0.5 where nothing is known
     gaps, matched, limbs = _between_views(
         character, pose, shown, problem, rectangle, seen, face_bodies, outer_bodies, settings
     )
     return FrameSignals(
         np.array([c[b].mean() if b.any() else 1.0 for c, b in zip(seen.costs, covered, strict=True)]),
-        _blobs(covered & ~foreign, covered),
-        _blobs(foreign & ~covered, covered),
+        _blobs(alike & covered, covered, (alike | foreign) & covered),
+        _blobs(foreign & ~covered, covered, covered),
         matched,
         gaps,
         limbs,
@@ -76,14 +78,16 @@ def frame_signals(
 
 
 def _blobs(
-    marked: Bool[np.ndarray, "camera height width"], covered: Bool[np.ndarray, "camera height width"]
+    marked: Bool[np.ndarray, "camera height width"],
+    covered: Bool[np.ndarray, "camera height width"],
+    whole: Bool[np.ndarray, "camera height width"],
 ) -> Float[np.ndarray, "camera"]:
-    """The marked pixels of each view as a share of the covered ones; thin seams do not count."""
+    """The marked pixels of each view as a share of `whole`, 0 where that is little; thin seams do not count."""
     shares = []
-    for here, body in zip(marked, covered, strict=True):
+    for here, body, of in zip(marked, covered, whole, strict=True):
         width = 2 * round(0.05 * np.sqrt(body.sum()) / 2) + 1
         opened = cv2.morphologyEx(here.astype(np.uint8), cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
-        shares.append(opened.sum() / max(body.sum(), 1))
+        shares.append(opened.sum() / of.sum() if of.sum() >= _LEAST_PIXELS else 0.0)
     return np.array(shares, float)
 
 
