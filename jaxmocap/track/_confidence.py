@@ -26,11 +26,11 @@ class VerdictSettings:
     half is above `foreign`, or when it is more than `stray` metres from halfway between the frames before and after, an
     acceleration above `jolt` metres per second squared.
 
-    A frame is doubtful, too, when what two cameras show of the body's surface lies, in the median, more than `view_gap`
-    metres apart, or is the same in less than `matched` of it, in half of the pairs of cameras or more; when more than
-    `bare` of what the body covers in some view looks like the background; both in most of `steady` frames around it;
-    and when more than `most` of all frames are doubtful, for then it is the capture. Doubtful frames have at most
-    `confidence`."""
+    A frame is doubtful, too, when what two cameras show of the body's surface lies, in the median over the surface,
+    more than `view_gap` metres apart, or is the same in less than `matched` of it, in half of the pairs of cameras or
+    more; and when the background that the body covers and the person that it does not are more than `outline` of the
+    body, mean over the views, as an arm and a half; both in the median of `steady` frames. When half of the selected
+    frames are doubtful all are, for everything rests on them. Doubtful frames have at most `confidence`."""
 
     doubtful: float = 0.42
     lost: float = 0.55
@@ -43,9 +43,8 @@ class VerdictSettings:
     jolt: float = 300.0
     view_gap: float = 0.015
     matched: float = 0.25
-    bare: float = 0.2
+    outline: float = 0.07
     steady: int = 5
-    most: float = 0.5
     confidence: float = 0.25
 
 

@@ -144,7 +144,10 @@ def motion_of(
     first video like the motion's own."""
     capture, character = observations.capture, observations.character
     settings = verdict or VerdictSettings()
-    spans, found = lost_spans(results, character, capture.fps, settings), doubts(results, settings)
+    spans, found = (
+        lost_spans(results, character, capture.fps, settings),
+        doubts(results, settings, key_poses_of(observations.key_poses)),
+    )
     results = without_trust(with_doubts(results, found, settings), spans, character)
     numbers, positions = capture.video_frames[0], np.array([result.frame for result in results])
     poses = Pose(jnp.stack([r.pose.root for r in results]), jnp.stack([r.pose.angles for r in results]))

@@ -1,11 +1,11 @@
 """Which frames are not to be trusted, and why: what single frames show, steadied over their neighbours, and what all
 frames together say."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ._confidence import VerdictSettings
 from ._frame_result import FrameResult
@@ -15,12 +15,15 @@ APART = (
     "the views do not show the same body there: the calibration, the offsets or the actor are wrong, a camera stood "
     "still, or the body is elsewhere"
 )
-BARE = "the body covers what looks like the background"
+OUTLINE = "the body covers what looks like the background, or leaves uncovered what does not"
 UNEXPLAINED = (
     "the covered pixels do not look like the person, part of the person stays uncovered, or the body moves "
     "implausibly fast"
 )
-MOST = "most of the frames cannot be trusted, so what is wrong is wrong everywhere"
+REGISTERED = (
+    "the pose at a selected frame is not to be trusted, and everything rests on it: look at the cameras, the offsets, "
+    "the actor and the keypoints"
+)
 
 
 @dataclass(frozen=True)
@@ -32,19 +35,20 @@ class Doubt:
     why: str
 
 
-def doubts(results: Sequence[FrameResult], settings: VerdictSettings) -> list[Doubt]:
+def doubts(results: Sequence[FrameResult], settings: VerdictSettings, registered: Collection[int] = ()) -> list[Doubt]:
     """The spans of frames that are not to be trusted, in order; one frame may be in several. Frames that were passed
-    over show nothing themselves and are left out."""
+    over show nothing themselves and are left out. Where half of the `registered` frames among them are doubtful, all
+    are."""
     looked_at = np.array([bool(result.energy) for result in results])
-    lost = looked_at & np.array([result.status == "lost" for result in results])
     marked = {
-        APART: _steady(_apart(results, settings), settings.steady),
-        BARE: _steady(_share(results, "bare") > settings.bare, settings.steady),
+        APART: _median(_apart(results, settings), settings.steady) > 0.5,
+        OUTLINE: _median(_outline(results), settings.steady) > settings.outline,
         UNEXPLAINED: looked_at & np.array([result.status == "doubtful" for result in results]),
     }
-    some = np.any([lost, *marked.values()], axis=0)
-    if some.sum() > settings.most * max(looked_at.sum(), 1):
-        marked[MOST] = looked_at & ~some
+    some = np.any([[result.status == "lost" for result in results], *marked.values()], axis=0)
+    known = looked_at & np.isin([result.frame for result in results], list(registered))
+    if known.any() and some[known].mean() >= 0.5:
+        marked[REGISTERED] = looked_at & ~some
     found = [
         Doubt(results[first].frame, results[stop - 1].frame, why)
         for why, frames in marked.items()
@@ -66,27 +70,26 @@ def with_doubts(results: Sequence[FrameResult], found: Sequence[Doubt], settings
     return judged
 
 
-def _apart(results: Sequence[FrameResult], settings: VerdictSettings) -> Bool[np.ndarray, "frame"]:
-    """Where half of the pairs of views, or more, are apart or show too little that is the same."""
-    marked = []
-    for result in results:
-        if result.signals is None or not np.isfinite(result.signals.matched).any():
-            marked.append(False)
-            continue
-        known = np.isfinite(result.signals.matched)
-        gaps, matched = result.signals.view_gaps[known], result.signals.matched[known]
-        bad = ~(gaps <= settings.view_gap) | (matched < settings.matched)
-        marked.append(bool(bad.mean() >= 0.5))
-    return np.array(marked, bool)
+def _apart(results: Sequence[FrameResult], settings: VerdictSettings) -> Float[np.ndarray, "frame"]:
+    """1 where half of the pairs of views, or more, are apart or show too little that is the same."""
+    marked = np.zeros(len(results))
+    for index, result in enumerate(results):
+        if result.signals is not None and np.isfinite(result.signals.matched).any():
+            known = np.isfinite(result.signals.matched)
+            gaps, matched = result.signals.view_gaps[known], result.signals.matched[known]
+            marked[index] = (~(gaps <= settings.view_gap) | (matched < settings.matched)).mean() >= 0.5
+    return marked
 
 
-def _share(results: Sequence[FrameResult], name: str) -> Float[np.ndarray, "frame"]:
-    """A signal in the view where it is largest; 0 in frames that were not looked at."""
-    return np.array([0.0 if r.signals is None else float(np.max(getattr(r.signals, name))) for r in results])
+def _outline(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame"]:
+    """How much of the body is beside the person and how much of the person beside the body, mean over the views; 0 in
+    frames that were not looked at."""
+    signals = [result.signals for result in results]
+    return np.array([0.0 if s is None else float((s.bare + s.uncovered).mean()) for s in signals])
 
 
-def _steady(marked: Bool[np.ndarray, "frame"], window: int) -> Bool[np.ndarray, "frame"]:
-    """Whether most of the frames around each are marked: one frame of many is chance, and so is one that is not."""
+def _median(values: Float[np.ndarray, "frame"], window: int) -> Float[np.ndarray, "frame"]:
+    """Of the frames around each: what one frame of many shows is chance."""
     reach = window // 2
-    padded = np.pad(marked.astype(float), reach, mode="edge")
-    return np.convolve(padded, np.ones(2 * reach + 1), "valid") > reach + 0.5
+    padded = np.pad(values, reach, mode="edge")
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)

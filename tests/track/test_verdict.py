@@ -15,7 +15,7 @@ from jaxmocap.track._score import look_at
 from jaxmocap.track._sequence import motion_of
 from jaxmocap.track._signals import frame_signals
 from jaxmocap.track._surface_flow import FlowSettings
-from jaxmocap.track._verdict import APART, BARE, MOST, UNEXPLAINED
+from jaxmocap.track._verdict import APART, OUTLINE, REGISTERED, UNEXPLAINED
 
 FRAME = 1
 SETTINGS = VerdictSettings(steady=3)
@@ -81,8 +81,8 @@ def frames(result, count, **changed):
     return made
 
 
-def told(results, settings=SETTINGS):
-    return [(doubt.first, doubt.last, doubt.why) for doubt in doubts(results, settings)]
+def told(results, registered=()):
+    return [(doubt.first, doubt.last, doubt.why) for doubt in doubts(results, SETTINGS, registered)]
 
 
 def test_right_frames_are_trusted(true_result):
@@ -90,7 +90,7 @@ def test_right_frames_are_trusted(true_result):
 
 
 def test_every_reason_has_its_frames(true_result):
-    far, foreign = 1.1 * SETTINGS.view_gap, 1.1 * SETTINGS.bare
+    far, foreign = 1.1 * SETTINGS.view_gap, 1.1 * SETTINGS.outline
     results = frames(
         true_result,
         30,
@@ -99,7 +99,7 @@ def test_every_reason_has_its_frames(true_result):
         bare=dict.fromkeys((20, 21), foreign),
         status={25: "doubtful"},
     )
-    assert told(results) == [(4, 7, APART), (11, 12, APART), (20, 21, BARE), (25, 25, UNEXPLAINED)]
+    assert told(results) == [(4, 7, APART), (11, 12, APART), (20, 21, OUTLINE), (25, 25, UNEXPLAINED)]
 
 
 def test_one_frame_of_many_is_chance(true_result):
@@ -116,9 +116,20 @@ def test_one_camera_of_three_may_be_wrong_in_a_third_of_the_pairs(true_result):
     assert told([replace(true_result, frame=frame, signals=half) for frame in range(5)]) == [(0, 4, APART)]
 
 
-def test_where_most_frames_are_wrong_all_are(true_result):
-    results = frames(true_result, 10, view_gaps=dict.fromkeys(range(6), 1.0))
-    assert told(results) == [(0, 5, APART), (6, 9, MOST)]
+def test_background_covered_and_person_uncovered_count_alike_and_as_the_mean_over_views(true_result):
+    signals = replace(true_result.signals, bare=np.array([0.8, 0.0]), uncovered=np.array([0.0, 1.0]))
+    for factor, expected in ((0.9, []), (1.1, [(0, 2, OUTLINE)])):
+        scale = factor * SETTINGS.outline / 0.9
+        some = replace(signals, bare=scale * signals.bare, uncovered=scale * signals.uncovered)
+        assert told([replace(true_result, frame=frame, signals=some) for frame in range(3)]) == expected
+
+
+def test_where_the_selected_frames_are_wrong_all_are(true_result):
+    results = frames(true_result, 10, view_gaps=dict.fromkeys(range(3), 1.0))
+    assert told(results) == [(0, 2, APART)]
+    assert told(results, registered=(1, 20)) == [(0, 2, APART), (3, 9, REGISTERED)]
+    assert told(results, registered=(1, 6)) == [(0, 2, APART), (3, 9, REGISTERED)]
+    assert told(results, registered=(1, 6, 8)) == told(results, registered=(6,)) == [(0, 2, APART)]
 
 
 def test_what_was_not_looked_at_says_nothing(true_result):
@@ -128,15 +139,16 @@ def test_what_was_not_looked_at_says_nothing(true_result):
 
 
 def test_the_motion_carries_the_verdict(world, true_result, capsys):
+    observations = world.observations()
+    observations.key_poses = {0: observations.key_poses[0]}
     results = frames(true_result, 3, bare=dict.fromkeys((1, 2), 1.0))
-    verdict = replace(SETTINGS, most=0.9)
-    motion = motion_of(world.observations(), results, verdict=verdict)
+    motion = motion_of(observations, results, verdict=SETTINGS)
     assert motion.status.tolist() == ["ok", "doubtful", "doubtful"]
     assert motion.trusted.tolist() == [True, False, False]
-    assert motion.confidence[1:].max() <= verdict.confidence < motion.confidence[0].max()
-    assert motion.provenance["doubts"] == [{"first": 1, "last": 2, "why": BARE}]
+    assert motion.confidence[1:].max() <= SETTINGS.confidence < motion.confidence[0].max()
+    assert motion.provenance["doubts"] == [{"first": 1, "last": 2, "why": OUTLINE}]
     assert report_trust(motion) == NOT_TRUSTED
-    assert f"frames 1-2: {BARE}" in " ".join(capsys.readouterr().err.split())
+    assert f"frames 1-2: {OUTLINE}" in " ".join(capsys.readouterr().err.split())
     good = motion_of(world.observations(), frames(true_result, 3))
     assert good.trusted.all()
     assert report_trust(good) == 0
