@@ -15,6 +15,9 @@ from ._surface_flow import FlowSettings, Source, compare, padded
 _LEAST_PIXELS = 100
 """Of a body, or a limb's outer half, that two views show, to say something about it."""
 
+WIDEST = 45.0
+"""Degrees between two cameras, seen from the body, at which they still show a surface alike enough for optical flow."""
+
 
 @dataclass(frozen=True)
 class FrameSignals:
@@ -24,7 +27,7 @@ class FrameSignals:
 
     Per ordered pair of cameras, of the pixels whose surface the other camera shows too: `matched`, the share at which
     both pictures show the same, as far as optical flow can tell; and `view_gaps`, the median distance in metres of what
-    the two show from each other. NaN where they share too little.
+    the two show from each other. NaN where they share too little, or stand more than `WIDEST` degrees apart.
 
     `limb_gaps` is the same for each limb's outer half over all pairs, and `at_limit` the share of the joint angles that
     are at a limit.
@@ -109,6 +112,7 @@ def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies
         for c in cameras
     ]
     middle = np.append(np.asarray(vertices).mean(0), 1.0)
+    angles = view_angles(np.asarray(problem.cam_from_world), middle[:3])
     gaps, matched = [], []
     limbs: list[list[np.ndarray]] = [[np.zeros(0)] for _ in outer_bodies]
     for m in cameras:
@@ -116,6 +120,10 @@ def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies
         grey = cv2.cvtColor(crops[m], cv2.COLOR_RGB2GRAY)
         for n in cameras:
             if n == m:
+                continue
+            if angles[m, n] > WIDEST:
+                gaps.append(np.nan)
+                matched.append(np.nan)
                 continue
             found = compare(character, vertices, seen.ids[m], grey, m, problem, views[n], settings)
             distances = metres * np.linalg.norm(found.moved[found.good], axis=1)
@@ -127,6 +135,15 @@ def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies
                 limb.append(distances[outer[bodies]])
     medians = [_median(np.concatenate(limb)) for limb in limbs]
     return np.array(gaps, float), np.array(matched, float), np.array(medians, float)
+
+
+def view_angles(
+    cam_from_world: Float[np.ndarray, "camera 4 4"], point: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "camera camera"]:
+    """Degrees between the directions in which two cameras stand, seen from a point."""
+    centres = -np.einsum("cji,cj->ci", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
+    towards = (centres - point) / np.linalg.norm(centres - point, axis=1, keepdims=True)
+    return np.degrees(np.arccos(np.clip(towards @ towards.T, -1.0, 1.0)))
 
 
 def _median(values: Float[np.ndarray, " pixel"]) -> float:

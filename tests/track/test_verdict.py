@@ -13,7 +13,7 @@ from jaxmocap.track._confidence import dominant_bodies
 from jaxmocap.track._economy import outer_halves
 from jaxmocap.track._score import look_at
 from jaxmocap.track._sequence import motion_of
-from jaxmocap.track._signals import frame_signals
+from jaxmocap.track._signals import frame_signals, view_angles
 from jaxmocap.track._surface_flow import FlowSettings
 from jaxmocap.track._verdict import APART, OUTLINE, REGISTERED, UNEXPLAINED
 
@@ -45,7 +45,7 @@ def test_at_the_truth_both_views_show_the_same(world):
 
 
 def test_the_gap_between_views_grows_with_the_distance_from_the_truth(world):
-    """Two views 40 degrees apart: a body that is d aside in depth is off by a part of d in what they share."""
+    """Two views 27 degrees apart: a body that is d aside in depth is off by a part of d in what they share."""
     gaps = [signals(world, moved(world, FRAME, root_tz=metres)).view_gaps.max() for metres in (0.0, 0.02, 0.04)]
     assert gaps[0] < 0.5 * gaps[1] < gaps[1] < gaps[2]
 
@@ -59,6 +59,17 @@ def test_pictures_of_different_bodies_are_not_matched(world):
     turned[window] = turned[window][::-1, ::-1]
     wrong = signals(world, world.pose(FRAME), shown._replace(images=[shown.images[0], turned]))
     assert wrong.matched.max() < 0.5 * right.matched.min()
+
+
+def test_angles_between_views_are_seen_from_the_body():
+    """Cameras at 0, 30 and 90 degrees around a point, at different distances."""
+    poses = []
+    for degrees, distance in ((0, 2.0), (30, 3.0), (90, 5.0)):
+        pose, angle = np.eye(4), np.radians(degrees)
+        pose[:3, 3] = -(np.array([1.0, 2.0, 3.0]) + distance * np.array([np.sin(angle), 0, np.cos(angle)]))
+        poses.append(pose)
+    found = view_angles(np.stack(poses), np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(found, [[0, 30, 90], [30, 0, 60], [90, 60, 0]], atol=1e-4)
 
 
 def test_a_body_beside_the_person_covers_background(world):
