@@ -74,11 +74,12 @@ def registration_record(registrations: dict[int, Registration], character: Chara
     return record
 
 
-def _frame_report(result: FrameResult) -> dict:
+def _frame_report(result: FrameResult, status: str) -> dict:
     return {
         "frame": result.frame,
-        "status": result.status,
+        "status": status,
         "energy": {name: round(value, 5) for name, value in result.energy.items()},
+        "signals": None if result.signals is None else result.signals.as_json(),
         "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
     }
 
@@ -210,9 +211,10 @@ def track_capture(
             {
                 **motion.provenance,
                 "frames": len(motion),
+                "trusted_frames": int(motion.trusted.sum()),
                 "lost_frames": int((motion.status == "lost").sum()),
                 "doubtful_frames": int((motion.status == "doubtful").sum()),
-                "verdicts": [_frame_report(result) for result in results],
+                "verdicts": [_frame_report(r, str(s)) for r, s in zip(results, motion.status, strict=True)],
             },
         )
         if overlays:

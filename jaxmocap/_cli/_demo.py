@@ -14,7 +14,7 @@ from ._arguments import Json, Seed
 from ._output import progress, say, show
 from ._pictures import write_png
 from ._register import refuse_if_taken
-from ._track import report_lost, summary
+from ._track import report_trust, summary
 
 if TYPE_CHECKING:
     from jaxmocap.motion import Motion
@@ -53,7 +53,7 @@ def demo(
         json_wanted=json,
     )
     say(f"Look at {out / 'contact_sheet.png'}, and open {result / 'report.html'} in a browser.")
-    return report_lost(motion)
+    return report_trust(motion)
 
 
 def contact_sheet_of(path: Path, motion: "Motion"):

@@ -59,8 +59,8 @@ _COMMANDS = {
 }
 _DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
 
-Exit codes: 0 done; 2 the input cannot be used, one sentence says why; 3 tracking finished, but lost frames are
-reported; 1 an error of jaxmocap itself, please report the traceback."""
+Exit codes: 0 done; 2 the input cannot be used, one sentence says why; 3 tracking finished, but not every
+frame is to be trusted; 1 an error of jaxmocap itself, please report the traceback."""
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -24,7 +24,7 @@ from ._output import progress, say, show
 if TYPE_CHECKING:
     from jaxmocap.motion import Motion
 
-LOST_FRAMES = 3
+NOT_TRUSTED = 3
 
 
 def track(
@@ -57,7 +57,7 @@ def track(
     ] = True,
     json: Json = False,
 ) -> int:
-    """Track the person through a capture and write the result. Exits with 3 if frames were lost."""
+    """Track the person through a capture and write the result. Exits with 3 if not every frame is to be trusted."""
     from jaxmocap._pipeline import track_capture
     from jaxmocap.capture import Capture
 
@@ -85,12 +85,13 @@ def track(
             cache=cache,
         )
     show({"out": out, **summary(motion)}, lambda: sentence(motion, out), json_wanted=json)
-    return report_lost(motion)
+    return report_trust(motion)
 
 
 def summary(motion: "Motion") -> dict[str, float]:
     """How a tracked motion turned out, in numbers."""
     counts = {f"{status}_frames": int((motion.status == status).sum()) for status in ("lost", "doubtful")}
+    counts = {"trusted_frames": int(motion.trusted.sum()), **counts}
     return {"frames": len(motion), **counts, "seconds_per_frame": motion.provenance["seconds_per_frame"]}
 
 
@@ -98,22 +99,24 @@ def sentence(motion: "Motion", out: Path) -> str:
     """How a tracked motion turned out, in words."""
     found = summary(motion)
     return (
-        f"{out}: {found['frames']} frames, {found['lost_frames']} lost, {found['doubtful_frames']} doubtful, "
-        f"{found['seconds_per_frame']:.2f} s per frame; open {out / 'report.html'}"
+        f"{out}: {found['frames']} frames, {found['trusted_frames']} to be trusted, {found['lost_frames']} lost, "
+        f"{found['doubtful_frames']} doubtful, {found['seconds_per_frame']:.2f} s per frame; open {out / 'report.html'}"
     )
 
 
-def report_lost(motion: "Motion") -> int:
-    """The exit code, after naming what was lost."""
+def report_trust(motion: "Motion") -> int:
+    """The exit code, after naming the frames that are not to be trusted, and why."""
     from jaxmocap.camera import ranges
+
+    def where(first: int, last: int) -> str:
+        return f"frame{'s' * (last > first)} {ranges(list(range(first, last + 1)))}"
 
     for span in motion.provenance["lost"]:
         if span["part"] != "body":
-            frames = ranges(list(range(span["first"], span["last"] + 1)))
-            say(f"The {span['part']} is lost in frame{'s' * (span['last'] > span['first'])} {frames}: {span['why']}.")
-
+            say(f"The {span['part']} is lost in {where(span['first'], span['last'])}: {span['why']}.")
+    for doubt in motion.provenance["doubts"]:
+        say(f"Do not trust {where(doubt['first'], doubt['last'])}: {doubt['why']}.")
     lost = motion.frames[motion.status == "lost"].tolist()
-    if not lost:
-        return 0
-    say(f"Lost in frame{'s' if len(lost) > 1 else ''} {ranges(lost)}; the overlays show where.")
-    return LOST_FRAMES
+    if lost:
+        say(f"Lost in frame{'s' if len(lost) > 1 else ''} {ranges(lost)}; the overlays show where.")
+    return 0 if motion.trusted.all() else NOT_TRUSTED

@@ -10,7 +10,7 @@ from typing import Any, Self
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
@@ -154,6 +154,14 @@ class Motion:
         if self.covariance is None:
             return None
         return np.sqrt(np.maximum(np.trace(self.covariance.astype(np.float64), axis1=2, axis2=3), 0) / 3)
+
+    @property
+    def trusted(self) -> Bool[np.ndarray, " frame"]:
+        """Which frames are to be trusted, all limbs of them: the status is "ok", and `provenance["lost"]` names no part
+        there. What was not tracked in images is trusted."""
+        spans = self.provenance.get("lost") or []
+        lost = [(self.frames >= span["first"]) & (self.frames <= span["last"]) for span in spans]
+        return (self.status == "ok") & ~np.any([np.zeros(len(self), bool), *lost], axis=0)
 
     @property
     def seconds_per_interval(self) -> float:

@@ -53,6 +53,7 @@ from ._sequence import (
 )
 from ._settings import with_settings as with_settings
 from ._shape_problem import ShapePrior as ShapePrior
+from ._signals import FrameSignals as FrameSignals
 from ._surface_flow import FlowSettings as FlowSettings, Source as Source, surface_flow as surface_flow
 from ._tracker import (
     DetectionPlan as DetectionPlan,
@@ -65,3 +66,4 @@ from ._tracker import (
     appearance_preset as appearance_preset,
 )
 from ._uncertainty import UncertaintySettings as UncertaintySettings, joint_covariances as joint_covariances
+from ._verdict import Doubt as Doubt, doubts as doubts

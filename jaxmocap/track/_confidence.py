@@ -24,7 +24,13 @@ class VerdictSettings:
     is doubtful, too, when more than `uncovered` of the person's pixels look foreign but are not covered, as an arm that
     was lost. A limb is lost when less than `hidden` of its outer half is seen in any view, when the mean cost of that
     half is above `foreign`, or when it is more than `stray` metres from halfway between the frames before and after, an
-    acceleration above `jolt` metres per second squared."""
+    acceleration above `jolt` metres per second squared.
+
+    A frame is doubtful, too, when what two cameras show of the body's surface lies, in the median over the surface,
+    more than `view_gap` metres apart, or is the same in less than `matched` of it, in half of the pairs of cameras or
+    more; and when the background that the body covers and the person that it does not are more than `outline` of the
+    body, mean over the views, as an arm and a half; both in the median of `steady` frames. When half of the selected
+    frames are doubtful all are, for everything rests on them. Doubtful frames have at most `confidence`."""
 
     doubtful: float = 0.42
     lost: float = 0.55
@@ -35,6 +41,11 @@ class VerdictSettings:
     foreign: float = 0.7
     stray: float = 0.33
     jolt: float = 300.0
+    view_gap: float = 0.015
+    matched: float = 0.25
+    outline: float = 0.07
+    steady: int = 5
+    confidence: float = 0.25
 
 
 def dominant_bodies(character: Character) -> Int[np.ndarray, "face"]:

@@ -33,6 +33,7 @@ from ._polish import polish
 from ._refine import Refinement, detection_rays
 from ._register import draw, frame_rectangle
 from ._score import PoseScore, Seen, look_at, unexplained
+from ._signals import frame_signals
 from ._surface_flow import picture_source, surface_flow
 from ._tracker import DetectionPlan, Tracker
 
@@ -277,7 +278,8 @@ class FrameTracker:
             if position in better:
                 seen = look_at(self.character, pose, frame.problem)
                 new = self._result(
-                    frame.shown, frame.problem, pose, past, seen, old.deviation, old.hessian, old.seconds
+                    *(frame.shown, frame.problem, frame.rectangle, pose, past, seen),
+                    *(old.deviation, old.hessian, old.seconds),
                 )
                 frame, old = replace(frame, pose=pose, costs=new.limb_costs), new
                 revised.append(new)
@@ -292,7 +294,7 @@ class FrameTracker:
         past = self.past
         with clock.stage("score"):
             seen = look_at(self.character, pose, problem)
-            result = self._result(shown, problem, pose, past, seen, deviation, hessian, clock.seconds)
+            result = self._result(shown, problem, rectangle, pose, past, seen, deviation, hessian, clock.seconds)
         self.lost = result.status == "lost"
         if self.search is not None:
             self.search.learn(seen, pose)
@@ -307,6 +309,7 @@ class FrameTracker:
         self,
         shown: FrameImages,
         problem: FrameProblem,
+        rectangle: Rectangle,
         pose: Pose,
         past: Past | None,
         seen: Seen,
@@ -337,4 +340,8 @@ class FrameTracker:
             seconds,
             mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs),
             seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over),
+            frame_signals(
+                *(self.character, pose, shown, problem, rectangle, seen, self.face_bodies, self.outer_bodies),
+                self.tracker.flow,
+            ),
         )

@@ -9,12 +9,15 @@ from jaxtyping import Float
 from jaxmocap.character import Pose, Skeleton, beside, difference, retract
 from jaxmocap.observation import FrameImages
 
+from ._signals import FrameSignals
+
 
 @dataclass
 class FrameResult:
     """What was found in one frame: the pose, the energies of Eq. 5 by term, how far it may be trusted, the deviation
     of the last particles (39,), the J^T J of the refinement, seconds by stage, and of each limb's outer half the mean
-    cost of Eq. 6 (NaN where it is not seen) and the share seen in some view."""
+    cost of Eq. 6 (NaN where it is not seen) and the share seen in some view; and the signals of the verdict, where it
+    was looked at."""
 
     frame: int
     timestamp: float
@@ -27,6 +30,7 @@ class FrameResult:
     seconds: dict[str, float]
     limb_costs: Float[np.ndarray, "limb"]
     limb_seen: Float[np.ndarray, "limb"]
+    signals: FrameSignals | None = None
 
 
 def passed_over(skeleton: Skeleton, shown: FrameImages, pose: Pose, limbs: int) -> FrameResult:

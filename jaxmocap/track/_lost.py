@@ -34,6 +34,12 @@ def limb_names(character: Character) -> dict[str, str]:
     return {name: f"{sides[name[0]]} {name.split('_')[-1]}" for name in limbs}
 
 
+def runs(marked: Bool[np.ndarray, "frame"]) -> list[tuple[int, int]]:
+    """Where marked frames begin, and where they have ended."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], marked.astype(int), [0]]))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
 def lost_spans(
     results: Sequence[FrameResult], character: Character, fps: float, settings: VerdictSettings
 ) -> list[LostSpan]:
@@ -79,8 +85,4 @@ def _jumping(
 
 
 def _spans(results: Sequence[FrameResult], marked: Bool[np.ndarray, "frame"], part: str, why: str) -> list[LostSpan]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], marked.astype(int), [0]])))
-    return [
-        LostSpan(part, results[first].frame, results[stop - 1].frame, why)
-        for first, stop in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    return [LostSpan(part, results[first].frame, results[stop - 1].frame, why) for first, stop in runs(marked)]

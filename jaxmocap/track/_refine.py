@@ -11,7 +11,7 @@ from jaxmocap.observation import BODY_25, FACE, FrameImages, FrameProblem, Obser
 from ._least_squares import Prior, Rows, descend, free_prior
 from ._past import Past
 from ._register import draw
-from ._surface_flow import Source, picture_source, surface_flow
+from ._surface_flow import Source, padded, picture_source, surface_flow
 from ._tracker import DetectionPlan, RefinePlan
 
 
@@ -82,7 +82,7 @@ class Refinement:
         for m in cameras:
             sources[m] = sources[m] + [
                 Source(
-                    _padded(crops[n], origins[n]),
+                    padded(crops[n], origins[n]),
                     problem.intrinsics[n],
                     problem.cam_from_world[n],
                     vertices,
@@ -118,9 +118,3 @@ class Refinement:
         target = jnp.asarray(past.predicted(self.plan.autoregression), jnp.float32)
         unit = jnp.concatenate([jnp.full(3, 2.0), jnp.ones(36)])
         return limits._replace(l1=lam * unit, weight=lam * self.plan.weights.prior * unit**2, target=target)
-
-
-def _padded(crop: UInt8[np.ndarray, "height width 3"], origin: np.ndarray) -> UInt8[np.ndarray, "rows columns 3"]:
-    padded = np.zeros((crop.shape[0] + int(origin[0]), crop.shape[1] + int(origin[1]), 3), np.uint8)
-    padded[int(origin[0]) :, int(origin[1]) :] = crop
-    return padded

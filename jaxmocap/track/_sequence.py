@@ -26,6 +26,7 @@ from ._lost import lost_spans, without_trust
 from ._register import Registration
 from ._tracker import Tracker
 from ._uncertainty import joint_covariances
+from ._verdict import doubts, with_doubts
 
 
 class Progress(NamedTuple):
@@ -138,11 +139,16 @@ def motion_of(
     provenance: dict | None = None,
     verdict: VerdictSettings | None = None,
 ) -> Motion:
-    """The record of tracked frames. Landmarks of a part that is lost have no confidence, and `provenance["lost"]` lists
-    the spans, in frames of the first video like the motion's own."""
+    """The record of tracked frames, judged. `provenance["doubts"]` lists the frames that are not to be trusted and why,
+    `provenance["lost"]` the spans in which a part is lost, whose landmarks have no confidence; both in frames of the
+    first video like the motion's own."""
     capture, character = observations.capture, observations.character
-    spans = lost_spans(results, character, capture.fps, verdict or VerdictSettings())
-    results = without_trust(results, spans, character)
+    settings = verdict or VerdictSettings()
+    spans, found = (
+        lost_spans(results, character, capture.fps, settings),
+        doubts(results, settings, key_poses_of(observations.key_poses)),
+    )
+    results = without_trust(with_doubts(results, found, settings), spans, character)
     numbers, positions = capture.video_frames[0], np.array([result.frame for result in results])
     poses = Pose(jnp.stack([r.pose.root for r in results]), jnp.stack([r.pose.angles for r in results]))
     terms = sorted({name for result in results for name in result.energy})
@@ -158,7 +164,10 @@ def motion_of(
         energy={name: np.array([result.energy.get(name, np.nan) for result in results]) for name in terms},
         provenance={
             "seconds_per_frame": float(np.mean(seconds)),
-            "lost": [asdict(replace(s, first=int(numbers[s.first]), last=int(numbers[s.last]))) for s in spans],
+            **{
+                name: [asdict(replace(s, first=int(numbers[s.first]), last=int(numbers[s.last]))) for s in listed]
+                for name, listed in (("lost", spans), ("doubts", found))
+            },
             **(provenance or {}),
         },
         cameras=cameras_at(observations.cameras, positions),

@@ -9,6 +9,7 @@ paper's [4].
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import equinox as eqx
@@ -55,6 +56,15 @@ def picture_source(
     corner = jnp.zeros((1, 2), jnp.int32)
     ids, _ = face_ids(vertices, character.faces, intrinsics[None], cam_from_world[None], corner, height, width)
     return Source(image, intrinsics, cam_from_world, vertices, ids[0])
+
+
+def padded(
+    crop: UInt8[np.ndarray, "height width 3"], origin: Int[np.ndarray, "2"]
+) -> UInt8[np.ndarray, "rows columns 3"]:
+    """The crop at its row and column in an image that is black elsewhere, so that pixels keep their coordinates."""
+    whole = np.zeros((crop.shape[0] + int(origin[0]), crop.shape[1] + int(origin[1]), 3), np.uint8)
+    whole[int(origin[0]) :, int(origin[1]) :] = crop
+    return whole
 
 
 @dataclass(frozen=True)
@@ -147,16 +157,35 @@ def surface_flow(
         return [lines for found in pool.map(one, jobs) for lines in found]
 
 
-def _one_source(character, vertices, ids, target, camera, problem, source, settings) -> list[SurfaceLines]:
-    """Rows of one view and source; as many for every frame, so that what uses them compiles once."""
-    view = (problem.intrinsics[camera], problem.cam_from_world[camera])
-    origin = problem.origins[camera]
+class Comparison(NamedTuple):
+    """A source carried into a view: where each pixel's surface point lies in the source, whether the source shows it
+    too, whether its flow may be believed, the flow in pixels, and how much structure there is."""
+
+    source_pixel: Float[np.ndarray, "height width 2"]
+    seen: Bool[np.ndarray, "height width"]
+    good: Bool[np.ndarray, "height width"]
+    moved: Float[np.ndarray, "height width 2"]
+    weight: Float[np.ndarray, "height width"]
+
+
+def compare(
+    character: Character,
+    vertices: Float[Array, "vertex 3"],
+    ids: Int[np.ndarray, "height width"],
+    target: UInt8[np.ndarray, "height width"],
+    camera: int,
+    problem: FrameProblem,
+    source: Source,
+    settings: FlowSettings,
+) -> Comparison:
+    """The flow from what a source predicts of one view, `ids` and the grey picture `target`, to what is seen."""
     source_pixel, seen, cosine = _carry(
         vertices,
         character.faces,
         ids,
-        *view,
-        origin,
+        problem.intrinsics[camera],
+        problem.cam_from_world[camera],
+        problem.origins[camera],
         source.vertices,
         source.intrinsics,
         source.cam_from_world,
@@ -166,8 +195,7 @@ def _one_source(character, vertices, ids, target, camera, problem, source, setti
     )
     source_pixel, seen, cosine = np.array(source_pixel), np.asarray(seen), np.asarray(cosine)
     weight, moved = np.zeros(ids.shape, np.float32), np.zeros((*ids.shape, 2), np.float32)
-    picked = np.zeros(settings.samples, np.int64)
-    alive = np.zeros(settings.samples, bool)
+    good = np.zeros(ids.shape, bool)
     box = _box_of(seen)
     if box is not None:
         source_pixel[~np.isfinite(source_pixel)] = 0
@@ -177,20 +205,26 @@ def _one_source(character, vertices, ids, target, camera, problem, source, setti
         predicted = np.where(seen_here, np.clip(carried * gain, 0, 255), target_here).astype(np.uint8)
         forward = dense_flow(predicted, target_here, settings.preset)
         backward = dense_flow(target_here, predicted, settings.preset)
-        good = np.zeros(ids.shape, bool)
         good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here, settings)
         weight[box], moved[box] = textured(predicted), forward
-        picked = pick_samples(good, settings.samples)
-        alive = np.arange(settings.samples) < good.sum()
+    return Comparison(source_pixel, seen, good, moved, weight)
+
+
+def _one_source(character, vertices, ids, target, camera, problem, source, settings) -> list[SurfaceLines]:
+    """Rows of one view and source; as many for every frame, so that what uses them compiles once."""
+    view = (problem.intrinsics[camera], problem.cam_from_world[camera])
+    found = compare(character, vertices, ids, target, camera, problem, source, settings)
+    picked = pick_samples(found.good, settings.samples)
+    alive = np.arange(settings.samples) < found.good.sum()
     row, column = np.divmod(picked, ids.shape[1])
-    pixels = jnp.asarray(np.stack([column, row], -1) + np.asarray(origin)[::-1] + 0.5, jnp.float32)
-    targets = pixels + moved[row, column]
-    shares = jnp.asarray(np.where(alive, weight[row, column], 0.0), jnp.float32)
+    pixels = jnp.asarray(np.stack([column, row], -1) + np.asarray(problem.origins[camera])[::-1] + 0.5, jnp.float32)
+    targets = pixels + found.moved[row, column]
+    shares = jnp.asarray(np.where(alive, found.weight[row, column], 0.0), jnp.float32)
     face = ids[row, column]
     lines = [surface_lines(vertices, character.faces, face, pixels, targets, shares, view)]
     if source.same_time:
         other = (source.intrinsics, source.cam_from_world)
-        there = jnp.asarray(np.where(alive[:, None], source_pixel[row, column], 0.0), jnp.float32)
+        there = jnp.asarray(np.where(alive[:, None], found.source_pixel[row, column], 0.0), jnp.float32)
         lines.append(surface_lines(vertices, character.faces, face, pixels, there, shares, view, other))
     return lines
 

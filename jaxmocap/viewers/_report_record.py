@@ -45,6 +45,8 @@ def headline(motion: Motion) -> str:
         return "The only frame can be trusted." if good == 1 else f"All {good} frames can be trusted."
     partly = int(((motion.status == "ok") & limbs).sum())
     besides = f" In {partly} more a limb is lost." if partly else ""
+    if good == 0:
+        return f"No frame can be trusted.{besides}".replace("more ", "")
     return f"{good} of {len(motion)} frames can be trusted.{besides}"
 
 
@@ -53,9 +55,15 @@ def findings(motion: Motion) -> list[dict[str, Any]]:
     verdicts, spans = np.array(frame_verdicts(motion)), motion.provenance.get("lost") or []
     found = []
     reasons = sorted({span["why"] for span in spans if span["part"] == "body"})
+    doubts: dict[str, list[int]] = {}
+    for span in motion.provenance.get("doubts") or []:
+        doubts.setdefault(span["why"], []).extend(range(span["first"], span["last"] + 1))
     for kind in ("lost", PASSED_OVER, "doubtful"):
         frames = motion.frames[verdicts == kind].tolist()
-        if frames:
+        if frames and kind == "doubtful" and doubts:
+            for why, listed in doubts.items():
+                found.append(_finding(kind, f"Doubtful: {_frames(sorted(set(listed)))}: {why}.", _starts(listed)))
+        elif frames:
             why = "; ".join(reasons) if kind == "lost" and reasons else _WHY[kind]
             found.append(_finding(kind, f"{kind.capitalize()}: {_frames(frames)}: {why}.", _starts(frames)))
     limbs: dict[tuple[str, str], list[int]] = {}

@@ -127,6 +127,20 @@ def test_findings_name_frames_and_reasons_the_worst_first():
     assert 6 not in told[4][2]  # it was not looked at, so there is nothing to see
 
 
+def test_doubtful_frames_are_told_with_their_reasons():
+    doubts = [{"first": f, "last": f + 1, "why": why} for f, why in ((1, "views apart"), (4, "beside"), (7, "beside"))]
+    told = [one for one in findings(judged(provenance={"doubts": doubts})) if one["kind"] == "doubtful"]
+    assert [(one["text"], one["frames"]) for one in told] == [
+        ("Doubtful: frames 1-2: views apart.", [1]),
+        ("Doubtful: frames 4-5, 7-8: beside.", [4, 7]),
+    ]
+
+
+def test_where_nothing_can_be_trusted_the_verdict_says_so():
+    assert headline(judged()[[4, 5, 6, 9]]) == "No frame can be trusted."
+    assert headline(judged()[1:3]) == "No frame can be trusted. In 2 a limb is lost."
+
+
 def test_spans_of_a_limb_are_told_together_and_not_without_end():
     spans = [{"part": "left leg", "first": f, "last": f, "why": "it leaves its way"} for f in (1, 3, 8)]
     found = [one for one in findings(judged(provenance={"lost": spans})) if "leg" in one["text"]]
