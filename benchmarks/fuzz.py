@@ -64,6 +64,7 @@ def sound_files(folder: Path) -> dict[str, tuple[Path, Reader]]:
     capture = write_capture(shown, folder / "capture")
     motion = jm.Motion.from_poses(shown.character, shown.poses, np.arange(2), shown.timestamps, cameras=shown.cameras)
     export(motion, folder / "clip.bvh")
+    export(motion, folder / "clip.glb")
     motion.save(folder / "result")
     write_cameras(shown.cameras, folder / "colmap", "colmap-binary")
     cameras = lambda path: jm.read_cameras(path.parent, shown.cameras.names, 2)  # noqa: E731
@@ -75,7 +76,7 @@ def sound_files(folder: Path) -> dict[str, tuple[Path, Reader]]:
         "COLMAP cameras.txt": (capture / "cameras" / "cameras.txt", cameras),
         "COLMAP images.txt": (capture / "cameras" / "images.txt", cameras),
         "character GLB": (capture / "actor.glb", jm.Character.load),
-        "clip GLB": (capture / "actor.glb", lambda path: read_glb(path, None, None)),
+        "clip GLB": (folder / "clip.glb", lambda path: read_glb(path, None, None)),
         "BVH": (folder / "clip.bvh", lambda path: read_bvh(path, None)),
         "motion.npz": (folder / "result" / "motion.npz", jm.Motion.load),
     }

@@ -53,8 +53,8 @@ def _fit(
 ) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
     """Ridge regression of each difference on its two predecessors; two unknowns, so Cramer's rule."""
     usable = (jnp.arange(known.shape[0] - 2)[:, None] >= known.shape[0] - count).astype(known.dtype)
-    size = jnp.sqrt(jnp.sum(known**2, axis=0) / jnp.maximum(count, 1))
-    known = known / jnp.where(size > 0, size, 1.0)
+    square = jnp.sum(known**2, axis=0) / jnp.maximum(count, 1)
+    known = known / jnp.sqrt(jnp.where(square > 0, square, 1.0))  # a root of zero would make the gradient NaN
     target, first, second = usable * known[2:], usable * known[1:-1], usable * known[:-2]
     pull = jnp.maximum(ridge, 1e-6)
     aa, bb, ab = jnp.sum(first**2, 0) + pull, jnp.sum(second**2, 0) + pull, jnp.sum(first * second, 0)

@@ -75,11 +75,6 @@ def test_the_result_is_the_golden_one(result):
     hold_against_golden(result[0], "synthetic")
 
 
-def test_the_first_frames_of_plaza_are_the_golden_ones(data, tmp_path):
-    motion = track_capture(data / "plaza", tmp_path / "plaza", quality="draft", overlays=False, frames=(0, 12))
-    hold_against_golden(motion, "plaza")
-
-
 def test_the_same_seed_gives_the_same_bytes(folder, result, tmp_path):
     motion = result[0]
     again = track_capture(folder, tmp_path / "second", quality="draft", overlays=False)
