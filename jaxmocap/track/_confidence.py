@@ -41,7 +41,7 @@ class VerdictSettings:
     foreign: float = 0.7
     stray: float = 0.33
     jolt: float = 300.0
-    view_gap: float = 0.015
+    view_gap: float = 0.01
     matched: float = 0.25
     outline: float = 0.07
     steady: int = 5
