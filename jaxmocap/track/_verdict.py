@@ -45,7 +45,8 @@ def doubts(results: Sequence[FrameResult], settings: VerdictSettings, registered
         OUTLINE: _median(_outline(results), settings.steady) > settings.outline,
         UNEXPLAINED: looked_at & np.array([result.status == "doubtful" for result in results]),
     }
-    some = np.any([[result.status == "lost" for result in results], *marked.values()], axis=0)
+    lost = np.array([result.status == "lost" for result in results])
+    some = np.any(np.stack([lost, *marked.values()]), axis=0)
     known = looked_at & np.isin([result.frame for result in results], list(registered))
     if known.any() and some[known].mean() >= 0.5:
         marked[REGISTERED] = looked_at & ~some
