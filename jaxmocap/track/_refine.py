@@ -11,7 +11,7 @@ from jaxmocap.observation import BODY_25, FACE, FrameImages, FrameProblem, Obser
 from ._least_squares import Prior, Rows, descend, free_prior
 from ._past import Past
 from ._register import draw
-from ._surface_flow import Source, padded, picture_source, surface_flow
+from ._surface_flow import Source, padded, picture_source, same_time_sources, surface_flow
 from ._tracker import DetectionPlan, RefinePlan
 
 
@@ -78,21 +78,10 @@ class Refinement:
     ) -> list[Rows]:
         cameras, weights = range(problem.num_cameras), self.plan.weights
         sources = self._selected_sources(frame)
-        origins = np.asarray(problem.origins)
+        pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
+        views = same_time_sources(pictures, problem, vertices, ids)
         for m in cameras:
-            sources[m] = sources[m] + [
-                Source(
-                    padded(crops[n], origins[n]),
-                    problem.intrinsics[n],
-                    problem.cam_from_world[n],
-                    vertices,
-                    ids[n],
-                    (int(origins[n, 0]), int(origins[n, 1])),
-                    same_time=True,
-                )
-                for n in cameras
-                if n != m
-            ]
+            sources[m] = sources[m] + [views[n] for n in cameras if n != m]
         flows = surface_flow(self.character, vertices, ids, crops, problem, sources, self.plan.flow)
         scale = weights.residual_scale / jnp.sqrt(jnp.maximum(weights.surface, 1e-9))
         return [Rows(lines, scale, widen * weights.robust) for lines in flows]

@@ -41,7 +41,7 @@ from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
 from ._inverse_kinematics import inverse_kinematics
 from ._least_squares import Prior, Rows, descend, free_prior
 from ._search import Stage, group_searches, initial_spread
-from ._surface_flow import FlowSettings, Source, surface_flow
+from ._surface_flow import FlowSettings, Source, same_time_sources, surface_flow
 
 
 @dataclass(frozen=True)
@@ -238,19 +238,8 @@ def fit_between_views(
     for _ in range(settings.view_flow):
         vertices, ids, inverse = draw(character, pose, problem)
         host_ids = np.asarray(ids)
-        origins = np.asarray(problem.origins)
-        views = [
-            Source(
-                _embed(crops[c], origins[c]),
-                problem.intrinsics[c],
-                problem.cam_from_world[c],
-                vertices,
-                host_ids[c],
-                (int(origins[c, 0]), int(origins[c, 1])),
-                same_time=True,
-            )
-            for c in cameras
-        ]
+        pictures = [_embed(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
+        views = same_time_sources(pictures, problem, vertices, host_ids)
         sources = [[views[n] for n in cameras if n != m] + (extra[m] if extra else []) for m in cameras]
         flows = surface_flow(character, vertices, ids, crops, problem, sources, FlowSettings())
         contours = contour_lines(

@@ -10,7 +10,7 @@ from jaxmocap.character import Character, Pose, Skeleton, skin
 from jaxmocap.observation import FrameImages, FrameProblem, Rectangle
 
 from ._score import Seen
-from ._surface_flow import FlowSettings, Source, compare, padded
+from ._surface_flow import FlowSettings, compare, padded, same_time_sources
 
 _LEAST_PIXELS = 100
 """Of a body, or a limb's outer half, that two views show, to say something about it."""
@@ -98,19 +98,9 @@ def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies
     """`view_gaps`, `matched` and `limb_gaps`."""
     vertices = skin(character, pose)
     crops: list[UInt8[np.ndarray, "height width 3"]] = [rectangle.crop(im, c) for c, im in enumerate(shown.images)]
-    origins, cameras = np.asarray(problem.origins), range(problem.num_cameras)
-    views = [
-        Source(
-            padded(crops[c], origins[c]),
-            problem.intrinsics[c],
-            problem.cam_from_world[c],
-            vertices,
-            seen.ids[c],
-            (int(origins[c, 0]), int(origins[c, 1])),
-            same_time=True,
-        )
-        for c in cameras
-    ]
+    cameras = range(problem.num_cameras)
+    pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
+    views = same_time_sources(pictures, problem, vertices, seen.ids)
     middle = np.append(np.asarray(vertices).mean(0), 1.0)
     angles = view_angles(np.asarray(problem.cam_from_world), middle[:3])
     gaps, matched = [], []

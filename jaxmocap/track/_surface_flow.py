@@ -7,6 +7,7 @@ as source it is view-view consistency (Eq. 7) in least-squares form; with the la
 paper's [4].
 """
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -65,6 +66,19 @@ def padded(
     whole = np.zeros((crop.shape[0] + int(origin[0]), crop.shape[1] + int(origin[1]), 3), np.uint8)
     whole[int(origin[0]) :, int(origin[1]) :] = crop
     return whole
+
+
+def same_time_sources(
+    pictures: Sequence[UInt8[np.ndarray, "_ _ 3"]],
+    problem: FrameProblem,
+    vertices: Float[Array, "vertex 3"],
+    ids: Sequence[np.ndarray] | np.ndarray | Int[Array, "camera height width"],
+) -> list[Source]:
+    """What every view shows at the current frame, for the other views: `pictures` keep the coordinates of the whole
+    image (`padded`), `ids` are those of the rectangles."""
+    origins = np.asarray(problem.origins).tolist()
+    views = zip(pictures, problem.intrinsics, problem.cam_from_world, ids, origins, strict=True)
+    return [Source(p, k, t, vertices, seen, (row, column), same_time=True) for p, k, t, seen, (row, column) in views]
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,20 @@ def test_it_goes_on_to_the_same_bits(world, whole, tmp_path, stop_after):
     assert not folder.exists()
 
 
+def test_frames_brought_into_another_light_are_found_again_in_it(world, tmp_path):
+    """Images are decoded anew, not stored, and must be divided by the same factors."""
+    known = observations(world)
+    plain = next(known.frames(1, 2))
+    lit = plain.in_light(np.array([[1.2, 1.1, 0.9], [1.0, 1.0, 1.0]]))
+    for shown in (plain, lit):
+        frames = Checkpoint(tmp_path)._context(known)[1][0]
+        again = frames.find(frames.note(shown))
+        assert again.frame == 1
+        for image, same in zip(again.images, shown.images, strict=True):
+            np.testing.assert_array_equal(image, same)
+    assert np.any(lit.images[0] != plain.images[0])
+
+
 def test_a_kill_while_it_is_written_leaves_the_one_before(world, whole, tmp_path, monkeypatch):
     folder = tmp_path / "checkpoint"
     with pytest.raises(CutOff):
