@@ -24,7 +24,12 @@ from ._features import (
     remove_foreground as remove_foreground,
 )
 from ._flash import lit_apart as lit_apart
-from ._flow import dense_flow as dense_flow, flow_agrees as flow_agrees, sample_picture as sample_picture
+from ._flow import (
+    dense_flow as dense_flow,
+    flow_agrees as flow_agrees,
+    sample_picture as sample_picture,
+    squared_length as squared_length,
+)
 from ._light import (
     LightMeter as LightMeter,
     LightSettings as LightSettings,

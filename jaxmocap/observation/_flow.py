@@ -27,10 +27,15 @@ def flow_agrees(
 ) -> Bool[np.ndarray, "height width"]:
     """Forward-backward check of Sundaram, Brox, Keutzer 2010: |F + B(p + F)|^2 < 0.01 (|F|^2 + |B|^2) + slack."""
     height, width = forward.shape[:2]
-    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    returned = cv2.remap(backward, x + forward[..., 0], y + forward[..., 1], cv2.INTER_LINEAR, borderValue=(1e3, 1e3))
-    gap = ((forward + returned) ** 2).sum(-1)
-    return gap < 0.01 * ((forward**2).sum(-1) + (returned**2).sum(-1)) + slack
+    x, y = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
+    there = x + forward[..., 0], y + forward[..., 1]
+    returned = cv2.remap(backward, *there, cv2.INTER_LINEAR, borderValue=(1e3, 1e3))
+    return squared_length(forward + returned) < 0.01 * (squared_length(forward) + squared_length(returned)) + slack
+
+
+def squared_length(flow: Float[np.ndarray, "height width 2"]) -> Float[np.ndarray, "height width"]:
+    """Square of a flow's length, pixels^2."""
+    return flow[..., 0] ** 2 + flow[..., 1] ** 2
 
 
 def sample_picture(picture: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:

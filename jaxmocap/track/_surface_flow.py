@@ -13,16 +13,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Pose, skin
-from jaxmocap.energies import SurfaceLines, are_near, barycentric_at, rays, surface_lines
-from jaxmocap.observation import FrameProblem, dense_flow, flow_agrees, sample_picture
+from jaxmocap.energies import SurfaceLines, surface_lines
+from jaxmocap.observation import FrameProblem, dense_flow, flow_agrees, sample_picture, squared_length
 from jaxmocap.render import face_ids
+
+from ._carry import View, carry
 
 
 @dataclass(frozen=True)
@@ -95,53 +96,8 @@ class FlowSettings:
     preset: str = "medium"
 
 
-@eqx.filter_jit
-def _carry(
-    vertices,
-    faces,
-    ids,
-    intrinsics,
-    cam_from_world,
-    origin,
-    source_vertices,
-    source_k,
-    source_t,
-    source_ids,
-    source_origin,
-    near,
-):
-    """Source pixel of every pixel of the rectangle, and whether the same surface is seen there."""
-    height, width = ids.shape
-    rows, columns = jnp.meshgrid(jnp.arange(height), jnp.arange(width), indexing="ij")
-    pixels = jnp.stack([columns + origin[1] + 0.5, rows + origin[0] + 0.5], -1).reshape(-1, 2).astype(jnp.float32)
-    flat = ids.reshape(-1)
-    face = jnp.maximum(flat, 0)
-    corners = faces[face]
-    centre, direction, _ = rays(intrinsics, cam_from_world, pixels)
-    weights = barycentric_at(vertices[corners], centre, direction)
-    there = source_vertices[corners]
-    point = jnp.einsum("rk,rkc->rc", weights, there)
-
-    def facing(triangle, eye):
-        normal = jnp.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
-        view = eye - triangle.mean(1)
-        length = jnp.linalg.norm(normal, axis=-1) * jnp.linalg.norm(view, axis=-1)
-        return jnp.sum(normal * view, -1) / jnp.maximum(length, 1e-12)
-
-    source_centre = -source_t[:3, :3].T @ source_t[:3, 3]
-    cosine = jnp.minimum(facing(vertices[corners], centre), facing(there, source_centre))
-    local = point @ source_t[:3, :3].T + source_t[:3, 3]
-    depth = jnp.maximum(local[:, 2], 1e-3)
-    projected = local @ source_k.T
-    source_pixel = projected[:, :2] / depth[:, None]
-    column = jnp.floor(source_pixel[:, 0]).astype(jnp.int32) - source_origin[1]
-    row = jnp.floor(source_pixel[:, 1]).astype(jnp.int32) - source_origin[0]
-    inside = (
-        (column >= 0) & (row >= 0) & (column < source_ids.shape[1]) & (row < source_ids.shape[0]) & (local[:, 2] > 0.05)
-    )
-    other = source_ids[jnp.clip(row, 0, source_ids.shape[0] - 1), jnp.clip(column, 0, source_ids.shape[1] - 1)]
-    seen = (flat >= 0) & inside & (other >= 0) & are_near(near, face, jnp.maximum(other, 0))
-    return source_pixel.reshape(height, width, 2), seen.reshape(height, width), cosine.reshape(height, width)
+def _view(intrinsics, cam_from_world, vertices, ids, origin: tuple[int, int]) -> View:
+    return View(*(np.asarray(part) for part in (intrinsics, cam_from_world, vertices, ids)), origin)
 
 
 def _grey(image: np.ndarray) -> np.ndarray:
@@ -193,26 +149,14 @@ def compare(
     settings: FlowSettings,
 ) -> Comparison:
     """The flow from what a source predicts of one view, `ids` and the grey picture `target`, to what is seen."""
-    source_pixel, seen, cosine = _carry(
-        vertices,
-        character.faces,
-        ids,
-        problem.intrinsics[camera],
-        problem.cam_from_world[camera],
-        problem.origins[camera],
-        source.vertices,
-        source.intrinsics,
-        source.cam_from_world,
-        source.ids,
-        jnp.asarray(source.origin),
-        problem.surface.near_faces,
-    )
-    source_pixel, seen, cosine = np.array(source_pixel), np.asarray(seen), np.asarray(cosine)
+    origins = np.asarray(problem.origins).tolist()
+    view = _view(problem.intrinsics[camera], problem.cam_from_world[camera], vertices, ids, tuple(origins[camera]))
+    shown = _view(source.intrinsics, source.cam_from_world, source.vertices, source.ids, source.origin)
+    source_pixel, seen, cosine = carry(np.asarray(character.faces), np.asarray(problem.surface.near_faces), view, shown)
     weight, moved = np.zeros(ids.shape, np.float32), np.zeros((*ids.shape, 2), np.float32)
     good = np.zeros(ids.shape, bool)
     box = _box_of(seen)
     if box is not None:
-        source_pixel[~np.isfinite(source_pixel)] = 0
         carried = sample_picture(_grey(source.image), source_pixel[box][..., 0], source_pixel[box][..., 1])
         seen_here, target_here = seen[box], target[box]
         gain = float(np.clip(target_here[seen_here].mean() / max(carried[seen_here].mean(), 1.0), 0.5, 2.0))
@@ -267,11 +211,11 @@ def usable(
     size = 2 * settings.margin + 1
     good = cv2.erode(seen.astype(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
     good &= (cosine > settings.facing) & flow_agrees(forward, backward)
-    good &= np.linalg.norm(forward, axis=-1) < settings.longest
+    good &= squared_length(forward) < settings.longest**2
     height, width = target.shape
-    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    there = sample_picture(target, columns + forward[..., 0], rows + forward[..., 1])
-    return good & (np.abs(there.astype(np.float32) - predicted) < 255 * settings.colour)
+    there = np.arange(width) + 0.5 + forward[..., 0], np.arange(height)[:, None] + 0.5 + forward[..., 1]
+    found = sample_picture(target, *there)
+    return good & (np.abs(found.astype(np.float32) - predicted) < 255 * settings.colour)
 
 
 def textured(picture: UInt8[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:

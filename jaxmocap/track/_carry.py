@@ -1,0 +1,88 @@
+"""Where a view's surface points lie in another picture: one homography per triangle, since both see it flat."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt32
+
+LEAST_DEPTH = 0.05
+"""Metres in front of the source's camera that a triangle must lie."""
+
+
+class View(NamedTuple):
+    """One picture of a mesh: camera, posed vertices, the faces seen, and row and column of the first of these."""
+
+    intrinsics: Float[np.ndarray, "3 3"]
+    cam_from_world: Float[np.ndarray, "4 4"]
+    vertices: Float[np.ndarray, "vertex 3"]
+    ids: Int[np.ndarray, "rows columns"]
+    origin: tuple[int, int]
+
+    def corners(self, faces: Int[np.ndarray, "face 3"]) -> Float[np.ndarray, "face 3 3"]:
+        """The triangles in this camera's frame, in double precision: small ones far away need it."""
+        turned = self.cam_from_world.astype(np.float64)
+        return (self.vertices.astype(np.float64) @ turned[:3, :3].T + turned[:3, 3])[faces]
+
+
+class Carried(NamedTuple):
+    """For every pixel of a view: where its surface point lies in the source, pixels (x, y), whether the source shows
+    the same surface there, and how squarely its triangle faces the camera that sees it less well (cosine)."""
+
+    source_pixel: Float[np.ndarray, "height width 2"]
+    seen: Bool[np.ndarray, "height width"]
+    cosine: Float[np.ndarray, "height width"]
+
+
+def homographies(
+    here: Float[np.ndarray, "face 3 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    there: Float[np.ndarray, "face 3 3"],
+    source_intrinsics: Float[np.ndarray, "3 3"],
+) -> Float[np.ndarray, "face 3 3"]:
+    """From a pixel (x, y, 1) of one view to the same point of each triangle in another, up to scale. Corners are in the
+    frames of their cameras; the triangle may have moved and bent its edges between the two."""
+    a, b, c = here[:, 0], here[:, 1], here[:, 2]
+    shares = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], 1)  # barycentric coordinates of a ray
+    projected = there @ source_intrinsics.T.astype(np.float64)
+    return projected.transpose(0, 2, 1) @ shares @ np.linalg.inv(intrinsics.astype(np.float64))
+
+
+def facing(corners: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, "face"]:
+    """Cosine between the normal of each triangle, in a camera's frame, and the direction to the camera."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    centre = corners.mean(1)
+    length = np.sqrt((normal**2).sum(1) * (centre**2).sum(1))
+    return -(normal * centre).sum(1) / np.maximum(length, 1e-12)
+
+
+def carry(
+    faces: Int[np.ndarray, "face 3"], near_faces: UInt32[np.ndarray, "face word"], view: View, source: View
+) -> Carried:
+    """Carry every covered pixel of `view` over the surface into `source`; `near_faces` is the bit table of Eq. 7, which
+    says what counts as the same surface. What is not seen is left at 0."""
+    here, there = view.corners(faces), source.corners(faces)
+    table = homographies(here, view.intrinsics, there, source.intrinsics)
+    squarely = np.minimum(facing(here), facing(there)).astype(np.float32)
+    height, width = view.ids.shape
+    covered = np.flatnonzero(view.ids >= 0)
+    face = view.ids.reshape(-1)[covered]
+    row, column = np.divmod(covered, width)
+    x, y = (column + view.origin[1] + 0.5)[:, None], (row + view.origin[0] + 0.5)[:, None]
+    maps = table[face]
+    there_pixel = maps[:, :, 0] * x + maps[:, :, 1] * y + maps[:, :, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixel = there_pixel[:, :2] / there_pixel[:, 2:]
+    rows, columns = source.ids.shape
+    in_front = (there[..., 2] > LEAST_DEPTH).all(1)[face] & np.isfinite(pixel).all(1)
+    pixel = np.where(in_front[:, None], pixel, -1.0).clip(-1e6, 1e6)
+    right, down = (np.floor(pixel) - source.origin[::-1]).astype(np.int32).T
+    inside = in_front & (right >= 0) & (down >= 0) & (right < columns) & (down < rows)
+    other = source.ids[down.clip(0, rows - 1), right.clip(0, columns - 1)]
+    same = near_faces[face, np.maximum(other, 0) >> 5] >> (np.maximum(other, 0) & 31).astype(np.uint32) & 1
+    found = Carried(
+        np.zeros((height, width, 2), np.float32), np.zeros((height, width), bool), np.zeros((height, width), np.float32)
+    )
+    found.source_pixel.reshape(-1, 2)[covered] = pixel
+    found.seen.reshape(-1)[covered] = inside & (other >= 0) & (same == 1)
+    found.cosine.reshape(-1)[covered] = squarely[face]
+    return found
