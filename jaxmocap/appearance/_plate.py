@@ -109,7 +109,7 @@ def plate_distance(
     within `reach` pixels, and `unknown` where the plate is not known."""
     settings = PlateSettings() if settings is None else settings
     pictures = _smoothed(plate.picture, settings.blur), _smoothed(image, settings.blur)
-    distance = jnp.minimum(_least_square(*pictures, settings, False) / settings.s0**2, tau)
+    distance = jnp.minimum(_least_square(*pictures, settings) / settings.s0**2, tau)
     return np.where(plate.known, np.asarray(distance), np.float32(settings.unknown))
 
 
@@ -126,7 +126,11 @@ def renewed_plate(
     settings = PlateSettings() if settings is None else settings
     hidden = _grown(person, settings.growth)
     pictures = _smoothed(plate.picture[window], settings.blur), _smoothed(image[window], settings.blur)
-    foreign = np.asarray(_least_square(*pictures, settings, True) > 0.5 * settings.s0**2)
+    limit = 0.5 * float(settings.s0) ** 2
+    foreign = np.asarray(_least_square(*pictures, settings)) > limit
+    inside = cv2.erode(hidden[window].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0  # kept in any case
+    rows, columns = np.nonzero(foreign & ~inside)
+    foreign[rows, columns] = _least_shaded_square(*pictures, rows, columns, settings) > limit
     keep = hidden.copy()
     keep[window] |= _grown(foreign, 1) & plate.known[window]
     return Plate(np.where(keep[..., None], plate.picture, image), plate.known | ~hidden)
@@ -147,9 +151,8 @@ def _least_square(
     picture: Float[Array | np.ndarray, "height width 3"],
     seen: Float[Array | np.ndarray, "height width 3"],
     settings: PlateSettings,
-    shadows: bool,
 ) -> Float[Array, "height width"]:
-    """Squared colour distance of each pixel to the nearest one in its surroundings, or to that one in shadow."""
+    """Squared colour distance of each pixel to the nearest one in its surroundings."""
     height, width, _ = seen.shape
     reach = settings.reach
     padded = jnp.pad(jnp.asarray(picture) / 255, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
@@ -157,15 +160,29 @@ def _least_square(
     taps = 2 * reach + 1
 
     def tap(index: Array, best: Array) -> Array:
-        top, left = index // taps, index % taps
-        there = jax.lax.dynamic_slice(padded, (top, left, 0), (height, width, 3))
-        square = jnp.sum((seen - there) ** 2, axis=-1)
-        if shadows:
-            factor = jnp.sum(seen * there, axis=-1) / jnp.maximum(jnp.sum(there**2, axis=-1), 1e-6)
-            dark = jnp.clip(factor, settings.shadow_low, settings.shadow_high)
-            light = jnp.clip(factor, 1 / settings.shadow_high, 1 / settings.shadow_low)
-            factor = jnp.where(factor < 1, dark, light)
-            square = jnp.minimum(square, jnp.sum((seen - factor[..., None] * there) ** 2, axis=-1))
-        return jnp.minimum(best, square)
+        there = jax.lax.dynamic_slice(padded, (index // taps, index % taps, 0), (height, width, 3))
+        return jnp.minimum(best, jnp.sum((seen - there) ** 2, axis=-1))
 
     return jax.lax.fori_loop(0, taps * taps, tap, jnp.full((height, width), jnp.inf))
+
+
+def _least_shaded_square(
+    picture: Float[np.ndarray, "height width 3"],
+    seen: Float[np.ndarray, "height width 3"],
+    rows: Int[np.ndarray, "pixel"],
+    columns: Int[np.ndarray, "pixel"],
+    settings: PlateSettings,
+) -> Float[np.ndarray, "pixel"]:
+    """Squared colour distance of some pixels to the nearest one in their surroundings, in shadow or out of it."""
+    reach = settings.reach
+    padded = np.pad(picture / 255, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
+    here = seen[rows, columns] / 255
+    low, high = float(settings.shadow_low), float(settings.shadow_high)
+    best = np.full(len(rows), np.inf, np.float32)
+    for top in range(2 * reach + 1):
+        for left in range(2 * reach + 1):
+            there = padded[rows + top, columns + left]
+            factor = (here * there).sum(1) / np.maximum((there**2).sum(1), 1e-6)
+            factor = np.where(factor < 1, factor.clip(low, high), factor.clip(1 / high, 1 / low))
+            best = np.minimum(best, ((here - factor[:, None] * there) ** 2).sum(1))
+    return best

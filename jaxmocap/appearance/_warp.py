@@ -92,6 +92,15 @@ class _BandedNormal:
         pull = coefficients * (weights * target)[:, None]
         self.right += np.bincount(index.ravel(), pull.ravel(), self.unknowns)
 
+    def add_points(self, corners: np.ndarray, coefficients: np.ndarray, target: np.ndarray, weights: np.ndarray) -> None:
+        """Rows that ask of x and of y the same: `coefficients . vertices[corners] = target`, (row, 2)."""
+        along_x = self.empty()
+        along_x.add(2 * corners, coefficients, target[:, 0], weights)
+        self.band += along_x.band
+        self.band[1:] += along_x.band[:-1]  # y follows x in the order of unknowns
+        pull = coefficients * (weights * target[:, 1])[:, None]
+        self.right += along_x.right + np.bincount((2 * corners + 1).ravel(), pull.ravel(), self.unknowns)
+
     def empty(self) -> "_BandedNormal":
         """A system of the same shape without equations."""
         return _BandedNormal(self.columns, self.unknowns // 2)
@@ -243,8 +252,7 @@ def _reweighted(
     for scale in np.geomspace(widest, settings.scale, settings.rounds):
         confidence = (scale**2 / (scale**2 + errors**2)) ** 2
         data = similarity.empty()
-        for axis in (0, 1):
-            data.add(2 * corners + axis, weights, targets[:, axis], confidence)
+        data.add_points(corners, weights, targets, confidence)
         system = data.plus(similarity, alpha)
         if anchor is not None:
             system = system.plus(anchor, 1.0)

@@ -1,6 +1,6 @@
 """The clean plate of a camera while a sequence is tracked: what is behind the person, learnt frame by frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -90,4 +90,5 @@ def neighbour_warp(
     keep = good[row, column] & ~masks[0][row, column] & ~masks[1][landing[:, 1], landing[:, 0]]
     ratio = np.array([width / size[0], height / size[1]])
     matches = start[keep] * ratio, end[keep] * ratio
-    return warp_grid(*matches, (height, width), settings.warp, grid=settings.grid)
+    stiffness = min(settings.warp.alphas)  # so many points need no choice: it always falls on the least
+    return warp_grid(*matches, (height, width), replace(settings.warp, alphas=(stiffness,)), grid=settings.grid)
