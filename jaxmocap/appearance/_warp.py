@@ -92,13 +92,13 @@ class _BandedNormal:
         pull = coefficients * (weights * target)[:, None]
         self.right += np.bincount(index.ravel(), pull.ravel(), self.unknowns)
 
-    def add_points(self, corners: np.ndarray, coefficients: np.ndarray, target: np.ndarray, weights: np.ndarray) -> None:
-        """Rows that ask of x and of y the same: `coefficients . vertices[corners] = target`, (row, 2)."""
+    def add_points(self, corners: np.ndarray, shares: np.ndarray, target: np.ndarray, weights: np.ndarray) -> None:
+        """Rows that ask of x and of y the same: `shares . vertices[corners] = target`, (row, 2)."""
         along_x = self.empty()
-        along_x.add(2 * corners, coefficients, target[:, 0], weights)
+        along_x.add(2 * corners, shares, target[:, 0], weights)
         self.band += along_x.band
         self.band[1:] += along_x.band[:-1]  # y follows x in the order of unknowns
-        pull = coefficients * (weights * target[:, 1])[:, None]
+        pull = shares * (weights * target[:, 1])[:, None]
         self.right += along_x.right + np.bincount((2 * corners + 1).ravel(), pull.ravel(), self.unknowns)
 
     def empty(self) -> "_BandedNormal":
