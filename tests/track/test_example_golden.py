@@ -1,0 +1,16 @@
+"""The first frames of an example capture are tracked as they were when somebody last looked at them."""
+
+import pytest
+from golden import hold_against_golden
+
+from jaxmocap._pipeline import track_capture
+
+pytestmark = pytest.mark.slow
+
+FRAMES = (0, 10)
+
+
+@pytest.mark.parametrize("name", ["plaza"])
+def test_the_result_on_an_example_is_the_golden_one(data, tmp_path, name):
+    motion = track_capture(data / name, tmp_path / "result", frames=FRAMES, overlays=False)
+    hold_against_golden(motion, name)
