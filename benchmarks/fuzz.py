@@ -82,41 +82,55 @@ def sound_files(folder: Path) -> dict[str, tuple[Path, Reader]]:
     }
 
 
-class _HangError(BaseException):
+class HangError(BaseException):
     """Past any `except Exception` of a reader."""
 
 
 def _too_long(*_: object) -> None:
-    raise _HangError
+    raise HangError
+
+
+def notice_hangs() -> None:
+    """Raise `HangError` where an alarm goes off."""
+    signal.signal(signal.SIGALRM, _too_long)
+
+
+def attempt(path: Path, read: Reader, data: bytes, keep: Path, counts: Counter) -> None:
+    """Read the file with these bytes, and count what became of it; the file is left so."""
+    path.write_bytes(data)
+    signal.alarm(LONGEST)
+    try:
+        found = read(path)
+        refused = isinstance(found, tuple) and found and found[0] is None  # a configuration and its findings
+        outcome = "refused" if refused else "taken"
+    except InputError:
+        outcome = "refused"
+    except HangError:
+        outcome = "hung"
+    except Exception as error:
+        outcome = "crashed"
+        print(f"{path.name}: {type(error).__name__}: {error}"[:300], file=sys.stderr)
+    finally:
+        signal.alarm(0)
+    counts[outcome] += 1
+    if outcome in ("crashed", "hung"):
+        keep.mkdir(parents=True, exist_ok=True)
+        (keep / f"{outcome}_{counts[outcome]:03d}_{path.name}").write_bytes(data)
 
 
 def fuzz(path: Path, read: Reader, seconds: float, draw: random.Random, keep: Path) -> Counter:
-    """Counts of what became of the inputs; the file is sound again afterwards."""
+    """Counts of what became of the inputs."""
     sound, counts, end = path.read_bytes(), Counter(), time.monotonic() + seconds
     read(path)
     while time.monotonic() < end:
-        data = damaged(sound, draw)
-        path.write_bytes(data)
-        signal.alarm(LONGEST)
-        try:
-            found = read(path)
-            refused = isinstance(found, tuple) and found and found[0] is None  # a configuration and its findings
-            outcome = "refused" if refused else "taken"
-        except InputError:
-            outcome = "refused"
-        except _HangError:
-            outcome = "hung"
-        except Exception as error:
-            outcome = "crashed"
-            print(f"{path.name}: {type(error).__name__}: {error}"[:300], file=sys.stderr)
-        finally:
-            signal.alarm(0)
-        counts[outcome] += 1
-        if outcome in ("crashed", "hung"):
-            keep.mkdir(parents=True, exist_ok=True)
-            (keep / f"{outcome}_{counts[outcome]:03d}_{path.name}").write_bytes(data)
+        attempt(path, read, damaged(sound, draw), keep, counts)
     path.write_bytes(sound)
     return counts
+
+
+def row(name: str, counts: Counter) -> str:
+    """A line of the table."""
+    return f"{name:20s} " + ", ".join(f"{counts[o]:,} {o}" for o in ("taken", "refused", "crashed", "hung"))
 
 
 def main() -> int:
@@ -125,15 +139,14 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path, default=Path("fuzz_findings"), help="folder for inputs that crash or hang")
     options = parser.parse_args()
-    signal.signal(signal.SIGALRM, _too_long)
+    notice_hangs()
     total, draw = Counter(), random.Random(options.seed)
     with tempfile.TemporaryDirectory() as folder:
         for name, (path, read) in sound_files(Path(folder)).items():
             counts = fuzz(path, read, options.seconds, draw, options.keep)
-            words = ", ".join(f"{counts[outcome]:,} {outcome}" for outcome in ("taken", "refused", "crashed", "hung"))
-            print(f"{name:20s} {words}", flush=True)
+            print(row(name, counts), flush=True)
             total += counts
-    print(f"{'all':20s} " + ", ".join(f"{total[o]:,} {o}" for o in ("taken", "refused", "crashed", "hung")))
+    print(row("all", total))
     return int(total["crashed"] + total["hung"] > 0)
 
 
