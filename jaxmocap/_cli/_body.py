@@ -23,19 +23,23 @@ def body(
         ),
     ] = None,
     model: Annotated[
-        Literal["built-in", "anny"],
-        tyro.conf.arg(help="Whose body: ours, or Anny's (pip install 'jaxmocap[bodies]')."),
+        Literal["built-in", "anny", "mhr"],
+        tyro.conf.arg(help="Whose body: ours, Anny's (pip install 'jaxmocap[bodies]'), or MHR's (--assets)."),
     ] = "built-in",
     parameters: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
             metavar="NAME=VALUE ...",
-            help="Anny's own, 0 to 1: gender, age, muscle, weight, height, proportions.",
+            help="Anny's, 0 to 1: gender, age, muscle, weight, height, proportions; or MHR's, shape0 to shape44.",
             help_behavior_hint="",
         ),
     ] = (),
+    assets: Annotated[
+        Path | None,
+        tyro.conf.arg(metavar="DIR", help="MHR's rig.npz and lod1.npz, which you download.", help_behavior_hint=""),
+    ] = None,
     triangles: Annotated[
-        int, tyro.conf.arg(metavar="N", help="Simplify Anny's body to about so many triangles.")
+        int, tyro.conf.arg(metavar="N", help="Simplify Anny's and MHR's body to about so many triangles.")
     ] = 5000,
     lengths: Annotated[
         tuple[str, ...],
@@ -55,7 +59,7 @@ def body(
     ] = (),
     json: Json = False,
 ) -> int:
-    """Write a body of any height and proportions, the built-in one or Anny's, for fit-character or as an actor."""
+    """Write a body of any size, the built-in one, Anny's or MHR's, for fit-character or as an actor."""
     import numpy as np
 
     from jaxmocap.motion import atomic_path
@@ -68,6 +72,7 @@ def body(
         _numbers("--girths", girths, "torso=1.1"),
         model=model,
         parameters=_numbers("--parameters", parameters, "weight=0.7"),
+        assets=assets,
         num_faces=triangles,
     )
     tall = round(float(np.ptp(np.asarray(character.vertices)[:, 1])), 4)

@@ -1,4 +1,4 @@
-"""Which joint of a file is which, by name: Mixamo, VRM, Rocketbox, MakeHuman, MHR, Unreal, SMPL, Blender and similar."""
+"""Which joint of a file is which, by name: Mixamo, VRM, Rocketbox, MakeHuman, MHR, Unreal, SMPL, Blender and others."""
 
 import re
 from collections.abc import Sequence

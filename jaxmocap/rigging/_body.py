@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,8 +12,9 @@ from jaxmocap.character import GIRTHS, LENGTHS, BodyShape, Character, scaled, si
 from jaxmocap.synthetic import make_actor
 
 from ._anny import Anny, anny_skin
+from ._mhr import Mhr
 
-BodyName = Literal["built-in", "anny"]
+BodyName = Literal["built-in", "anny", "mhr"]
 
 _HEIGHTS, _SCALES = (0.5, 2.5), (0.5, 2.0)
 _HEIGHT = 1.75  # of the built-in body
@@ -26,6 +28,7 @@ def body(
     *,
     model: BodyName = "built-in",
     parameters: Mapping[str, float] | None = None,
+    assets: str | Path | None = None,
     num_faces: int = 5000,
 ) -> Character:
     """A body in an A-pose, a start for `fit_character`, or an actor as it is.
@@ -36,30 +39,34 @@ def body(
     The `model` "built-in" is a procedural body of about 4,900 triangles and 1.75 m, free of any licence. "anny" is that
     of the package `anny` (extra `bodies`; Bregier et al. 2025; Apache-2.0, meshes CC0) with its own `parameters`
     gender, age, muscle, weight, height and proportions, 0 to 1 (0.5 where not given): its skin and weights, simplified
-    to about `num_faces` triangles, on our joints. Raises `InputError` for other names, for numbers that make no person,
-    and where the package is not installed.
+    to about `num_faces` triangles, on our joints. "mhr" is the Momentum Human Rig (Ferguson et al. 2025; Apache-2.0) in
+    the same way, from its tensor files in the folder `assets`, which you download; its parameters are "shape0" to
+    "shape44", standard deviations. Raises `InputError` for other names, for numbers that make no person, and where
+    package or files are missing.
     """
     if height is not None and not _HEIGHTS[0] <= height <= _HEIGHTS[1]:
         raise InputError(f"height is {height:g} m; {_HEIGHTS[0]} to {_HEIGHTS[1]} m was expected.")
     shape = BodyShape.of(0.0, _logarithms("length", lengths, LENGTHS), _logarithms("girth", girths, GIRTHS))
+    if num_faces < _FEWEST:
+        raise InputError(f"{num_faces} triangles were asked for; at least {_FEWEST} make a person.")
+    if assets is not None and model != "mhr":
+        raise InputError(f"a folder of files is given, which the model {model} does not use; it is for mhr.")
     if model == "anny":
-        plain = _from_anny(height, parameters or {}, num_faces)
+        skin = anny_skin(parameters or {}, height)
+        plain = simplify(Character.from_skin("anny", Anny(), skin), num_faces)[0]
+    elif model == "mhr":
+        source = Mhr(assets)
+        plain = simplify(Character.from_skin("mhr", source, source.skin(parameters or {})), num_faces)[0]
     elif model == "built-in":
         if parameters:
             raise InputError("the built-in body has no parameters; change it with lengths and girths.")
         height = _HEIGHT if height is None else height
         plain = make_actor(height)
     else:
-        raise InputError(f"{model!r} is no body model; use built-in or anny.")
+        raise InputError(f"{model!r} is no body model; use built-in, anny or mhr.")
     wanted = _tall(plain) if height is None else height
     character = scaled(plain, shape)
     return scaled(character, BodyShape.of(math.log(wanted / _tall(character))))
-
-
-def _from_anny(height: float | None, parameters: Mapping[str, float], num_faces: int) -> Character:
-    if num_faces < _FEWEST:
-        raise InputError(f"{num_faces} triangles were asked for; at least {_FEWEST} make a person.")
-    return simplify(Character.from_skin("anny", Anny(), anny_skin(parameters, height)), num_faces)[0]
 
 
 def _tall(character: Character) -> float:
