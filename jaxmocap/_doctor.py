@@ -23,6 +23,7 @@ EXTRAS = {
     "usd": ("usd-core", "export to .usd, .usda and .usdc"),
     "view": ("viser", "view"),
     "rerun": ("rerun-sdk", "view --rerun"),
+    "bodies": ("anny", "body --model anny"),
 }
 """Optional parts: the package each needs, and what it is for."""
 _DECODERS = {"h264": "H.264", "hevc": "H.265 (HEVC)", "vp9": "VP9", "av1": "AV1", "libdav1d": "AV1", "mpeg4": "MPEG-4"}

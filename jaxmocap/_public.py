@@ -55,6 +55,7 @@ from .viewers import (
     draw_overlay as draw_overlay,
     overlay_videos as overlay_videos,
     report_page as report_page,
+    rig_pictures as rig_pictures,
     view as view,
     write_rerun as write_rerun,
 )

@@ -1,7 +1,7 @@
-"""`jaxmocap body`: the built-in body as a file."""
+"""`jaxmocap body`: a body of a model as a file."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -14,7 +14,33 @@ from ._rig import refuse_unusable
 
 def body(
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.glb", help="New file for the body.")],
-    height: Annotated[float, tyro.conf.arg(metavar="METRES", help="How tall it is.")] = 1.75,
+    height: Annotated[
+        float | None,
+        tyro.conf.arg(
+            metavar="METRES",
+            help="How tall it is.",
+            help_behavior_hint="(default: 1.75, or what the parameters make)",
+        ),
+    ] = None,
+    model: Annotated[
+        Literal["built-in", "anny", "mhr"],
+        tyro.conf.arg(help="Whose body: ours, Anny's (pip install 'jaxmocap[bodies]'), or MHR's (--assets)."),
+    ] = "built-in",
+    parameters: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="NAME=VALUE ...",
+            help="Anny's, 0 to 1: gender, age, muscle, weight, height, proportions; or MHR's, shape0 to shape44.",
+            help_behavior_hint="",
+        ),
+    ] = (),
+    assets: Annotated[
+        Path | None,
+        tyro.conf.arg(metavar="DIR", help="MHR's rig.npz and lod1.npz, which you download.", help_behavior_hint=""),
+    ] = None,
+    triangles: Annotated[
+        int, tyro.conf.arg(metavar="N", help="Simplify Anny's and MHR's body to about so many triangles.")
+    ] = 5000,
     lengths: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
@@ -33,26 +59,38 @@ def body(
     ] = (),
     json: Json = False,
 ) -> int:
-    """Write the built-in body, of any height and proportions, for fit-character or as an actor."""
+    """Write a body of any size, the built-in one, Anny's or MHR's, for fit-character or as an actor."""
+    import numpy as np
+
     from jaxmocap.motion import atomic_path
     from jaxmocap.rigging import body
 
     refuse_unusable(out)
-    character = body(height, _factors("--lengths", lengths), _factors("--girths", girths))
+    character = body(
+        height,
+        _numbers("--lengths", lengths, "thigh=1.05"),
+        _numbers("--girths", girths, "torso=1.1"),
+        model=model,
+        parameters=_numbers("--parameters", parameters, "weight=0.7"),
+        assets=assets,
+        num_faces=triangles,
+    )
+    tall = round(float(np.ptp(np.asarray(character.vertices)[:, 1])), 4)
     out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(out) as temporary:
         character.save_glb(temporary)
-    record = {"out": out, "height_m": height, "triangles": len(character.faces)}
-    show(record, lambda: f"{out}: {height:.2f} m tall, {len(character.faces)} triangles", json_wanted=json)
+    record = {"out": out, "model": model, "height_m": tall, "triangles": len(character.faces)}
+    show(record, lambda: f"{out}: {tall:.2f} m tall, {len(character.faces)} triangles", json_wanted=json)
     return 0
 
 
-def _factors(option: str, texts: tuple[str, ...]) -> dict[str, float]:
+def _numbers(option: str, texts: tuple[str, ...], example: str) -> dict[str, float]:
     found = {}
     for text in texts:
         name, _, value = text.partition("=")
         try:
             found[name] = float(value)
         except ValueError:
-            raise InputError(f"{option} has {text!r}; NAME=FACTOR was expected, such as thigh=1.05.") from None
+            kind = "FACTOR" if option != "--parameters" else "VALUE"
+            raise InputError(f"{option} has {text!r}; NAME={kind} was expected, such as {example}.") from None
     return found

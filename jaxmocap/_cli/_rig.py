@@ -24,7 +24,10 @@ def rig(
             help="A person who stands, OBJ, PLY, STL, OFF or GLB; or a skinned GLB or body model, whose skin is kept.",
         ),
     ],
-    out: Annotated[Path, tyro.conf.arg(metavar="FILE.glb", help="New file for the character.")],
+    out: Annotated[
+        Path | None,
+        tyro.conf.arg(metavar="FILE.glb", help="New file for the character.", help_behavior_hint="(required)"),
+    ] = None,
     triangles: Annotated[int, tyro.conf.arg(metavar="N", help="Simplify to about so many triangles.")] = 5000,
     height: Annotated[
         float | None,
@@ -56,6 +59,23 @@ def rig(
             help_behavior_hint="",
         ),
     ] = (),
+    pictures: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="DIR",
+            help="Instead of rigging, draw the mesh from three sides into a new folder, for a detector of keypoints.",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    keypoints: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="DIR",
+            help="What a detector found in these pictures (OpenPose BODY_25, front_keypoints.json beside front.png): "
+            "tells up, front, and about where joints are.",
+            help_behavior_hint="",
+        ),
+    ] = None,
     mapping: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -76,6 +96,13 @@ def rig(
     json: Json = False,
 ) -> int:
     """Give a mesh of a standing person a skeleton and skinning weights, for `--actor` or capture.toml."""
+    if pictures is not None:
+        if out is not None or keypoints is not None:
+            raise InputError("--pictures only draws; give --out and --keypoints to a second call, after the detector.")
+        return _draw(mesh, pictures, up, front, json_wanted=json)
+    if out is None:
+        raise InputError("--out FILE.glb is needed, a new file for the character (or --pictures DIR).")
+
     from jaxmocap.motion import atomic_path
     from jaxmocap.rigging import rig
 
@@ -91,6 +118,7 @@ def rig(
         up=up,
         front=front,
         joints=known or None,
+        keypoints=keypoints,
         mapping=mapping,
         anew=anew,
     )
@@ -106,6 +134,20 @@ def rig(
     show({"out": out, **rigged.report}, lambda: _table(rigged.report, out), json_wanted=json)
     for warning in rigged.report["warnings"]:
         say(f"{mesh}: {warning}.")
+    return 0
+
+
+def _draw(mesh: Path, folder: Path, up: Axis | None, front: Axis | None, json_wanted: bool) -> int:
+    from jaxmocap.viewers import rig_pictures
+
+    names = rig_pictures(mesh, folder, up=up, front=front).names
+    drawn = [f"{name}.png" for name in names]
+    text = (
+        f"{folder}: {', '.join(drawn)}. If the person stands upright there, run a detector of OpenPose's BODY_25 "
+        f"points, put what it finds beside them ({names[0]}_keypoints.json and so on) and rig with --keypoints "
+        f"{folder}; else say --up and --front."
+    )
+    show({"pictures": folder, "files": drawn}, lambda: text, json_wanted=json_wanted)
     return 0
 
 
@@ -158,6 +200,10 @@ def _table(report: dict[str, Any], out: Path) -> Table:
     table.add_row("axes of the file", f"up {report['up']}, front {report['front']}")
     table.add_row("body against mesh", f"{report['distance_cm']:.1f} cm in the median")
     table.add_row(*folds)
+    if report["keypoints"] is not None:
+        off = sorted(report["keypoints"]["off_cm"].items(), key=lambda pair: pair[1])
+        words = f"joints {off[len(off) // 2][1]:.1f} cm off them in the median, {off[-1][0]} {off[-1][1]:.1f} cm"
+        table.add_row("keypoints", words)
     if report["front_margin"] is not None:
         table.add_row("front", f"the other way round fits {100 * report['front_margin']:.0f} % worse")
     return table

@@ -26,6 +26,7 @@ from ._kinematics import (
     landmark_positions as landmark_positions,
     skin as skin,
 )
+from ._map_joints import Source as Source
 from ._nodes import local_matrix as local_matrix, parents_first as parents_first, parents_of as parents_of
 from ._place_missing import REQUIRED as REQUIRED
 from ._pose import (

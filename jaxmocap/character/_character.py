@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ._dof_table import Arm
+from ._map_joints import Source
+from ._read_skin import RawSkin
 from ._skeleton import Skeleton
 
 
@@ -53,6 +55,18 @@ class Character(eqx.Module):
         from ._load import character_from_mesh
 
         return character_from_mesh(cls, name, vertices, faces, weights, joints, arm)
+
+    @classmethod
+    def from_skin(
+        cls, name: str, source: Source, raw: RawSkin, mapping: Mapping[str, str] | None = None, arm: Arm = "cmu7"
+    ) -> "Character":
+        """Bring a skinned mesh with whatever joints, in metres, to ours, as `load` does with those in files.
+
+        `source` says what is wrong with it, in an `InputError`.
+        """
+        from ._load import character_from_skin
+
+        return character_from_skin(cls, name, source, raw, mapping, arm)
 
     def save_glb(self, path: str | Path) -> Path:
         """Write an ordinary skinned GLB, which `load` reads back to the same character; returns the path."""

@@ -1,4 +1,4 @@
-"""Which joint of a file is which, by name: Mixamo, VRM, Rocketbox, MakeHuman, Unreal, SMPL, Blender and similar."""
+"""Which joint of a file is which, by name: Mixamo, VRM, Rocketbox, MakeHuman, MHR, Unreal, SMPL, Blender and others."""
 
 import re
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ _TRUNK = {
 }
 _LIMBS = {
     "upper_arm": ("upperarm", "uparm", "armupper", "humerus", "arm", "shldr", "shoulder"),
-    "forearm": ("forearm", "lowerarm", "loarm", "armlower", "elbow", "ulna", "radius"),
+    "forearm": ("forearm", "lowerarm", "lowarm", "loarm", "armlower", "elbow", "ulna", "radius"),
     "hand": ("wrist", "hand", "palm"),
     "thigh": ("thigh", "upleg", "upperleg", "legupper", "femur", "hip", "leg"),
     "shank": ("shank", "shin", "calf", "lowerleg", "lowleg", "leglower", "crus", "tibia", "knee", "leg"),
@@ -51,7 +51,8 @@ def _split_glued(word: str) -> list[str]:
 
 def roles_by_name(names: Sequence[str], parents: Sequence[int]) -> dict[str, int]:
     """The joints recognised, as {role: joint}: `pelvis`, `neck`, `head`, `l_upper_arm`, `l_toe`, and `spine0`,
-    `spine1`, ... from the pelvis up. A role whose names are absent is absent.
+    `spine1`, ... from the pelvis up. A role whose names are absent is absent, but a pelvis of another name is the joint
+    that both thighs hang from.
     """
     split = [split_side(name) for name in names]
     depth = [_depth(joint, parents) for joint in range(len(names))]
@@ -67,6 +68,10 @@ def roles_by_name(names: Sequence[str], parents: Sequence[int]) -> dict[str, int
         joint = _best(split, depth, "", synonyms, set())
         if joint is not None:
             roles[role] = joint
+    if "pelvis" not in roles and "l_thigh" in roles and "r_thigh" in roles:
+        shared = common_ancestor(roles["l_thigh"], roles["r_thigh"], parents)
+        if shared is not None:
+            roles["pelvis"] = shared
     pelvis, neck = roles.get("pelvis"), roles.get("neck", roles.get("head"))
     if pelvis is not None and neck is not None:
         path = ancestors(neck, parents)
@@ -83,6 +88,12 @@ def ancestors(joint: int, parents: Sequence[int]) -> list[int]:
         joint = parents[joint]
         path.append(joint)
     return path
+
+
+def common_ancestor(a: int, b: int, parents: Sequence[int]) -> int | None:
+    """The nearest joint above both, if any."""
+    above = ancestors(b, parents)
+    return next((joint for joint in ancestors(a, parents) if joint in above), None)
 
 
 def _best(

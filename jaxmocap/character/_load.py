@@ -37,6 +37,19 @@ def load_character(
     else:
         document = Document(path)
         raw = _read(document)
+    return character_from_skin(kind, path.stem, document, raw, mapping, arm)
+
+
+def character_from_skin(
+    kind: "type[Character]",
+    name: str,
+    document: Source,
+    raw: RawSkin,
+    mapping: str | Path | Mapping[str, str] | None,
+    arm: Arm,
+) -> "Character":
+    """A skinned mesh with whatever joints, turned to the rest frame and brought to our 18 bodies; `document.fail` is
+    told what makes it unusable."""
     _check_numbers(document, raw.vertices, raw.weights, raw.faces)
     mapped = map_joints(document, raw, mapping)
     turn = rest_frame(mapped.places)
@@ -48,7 +61,7 @@ def load_character(
     height = float(np.ptp(vertices[:, 1]))
     _check_height(document, height)
     try:
-        return character_from_mesh(kind, path.stem, vertices, faces, weights, places, arm)
+        return character_from_mesh(kind, name, vertices, faces, weights, places, arm)
     except InputError as error:
         document.fail(str(error).rstrip("."))
 

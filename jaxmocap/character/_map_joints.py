@@ -12,7 +12,7 @@ import numpy as np
 from jaxmocap._results import InputError
 
 from ._dof_table import BODIES, LANDMARKS
-from ._joint_names import ancestors, roles_by_name
+from ._joint_names import ancestors, common_ancestor, roles_by_name
 from ._joint_places import roles_by_place
 from ._read_skin import RawSkin
 
@@ -68,7 +68,9 @@ def map_joints(document: Source, raw: RawSkin, mapping: str | Path | Mapping[str
                 f"is not recognised as a person: no joint was found for {', '.join(missing)}; give a mapping file with "
                 f'lines like `"{raw.joint_names[0]}" = "pelvis"` (file joint = body) for its joints {names}'
             )
-    anchors.setdefault("pelvis", _common_ancestor(anchors["l_thigh"], anchors["r_thigh"], raw))
+    if "pelvis" not in anchors:
+        shared = common_ancestor(anchors["l_thigh"], anchors["r_thigh"], raw.joint_parents)
+        anchors["pelvis"] = anchors["l_thigh"] if shared is None else shared
     bodies = _followed(raw, anchors, given)
     weights = np.zeros((len(raw.weights), len(BODY_NAMES)))
     for joint, body in enumerate(bodies):
@@ -144,11 +146,6 @@ def _topmost(given: Mapping[int, str], raw: RawSkin) -> dict[str, int]:
         if body not in anchors or depth < len(ancestors(anchors[body], raw.joint_parents)):
             anchors[body] = joint
     return anchors
-
-
-def _common_ancestor(a: int, b: int, raw: RawSkin) -> int:
-    above = ancestors(b, raw.joint_parents)
-    return next((joint for joint in ancestors(a, raw.joint_parents) if joint in above), a)
 
 
 def _read_mapping(document: Source, raw: RawSkin, mapping: str | Path | Mapping[str, str] | None) -> dict[int, str]:

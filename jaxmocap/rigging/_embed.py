@@ -18,6 +18,7 @@ from jaxmocap.geometry import vertex_normals
 from ._bend_template import bent_landmarks
 from ._fit_template import Fit, Points, fit_template
 from ._orientation import Guess, guesses
+from ._pins import Pin
 from ._template import Body, surface, template
 
 _STARTS = 8
@@ -56,7 +57,7 @@ def embed(
     points: Points,
     up: Float[np.ndarray, "3"] | None = None,
     front: Float[np.ndarray, "3"] | None = None,
-    pins: Mapping[str, Float[np.ndarray, "3"]] | None = None,
+    pins: Mapping[str, Pin] | None = None,
 ) -> Embedding | None:
     """Find the person in shuffled samples of a surface (any units and axes); None if nothing looks like one at all.
 
@@ -68,8 +69,7 @@ def embed(
         return None
 
     def lay(guess: Guess, start: Body, count: int, scales: tuple[float, ...], likeness: float) -> Fit:
-        matrix = guess.rest_from_file
-        known = {name: matrix[:3, :3] @ place + matrix[:3, 3] for name, place in (pins or {}).items()}
+        known = {name: pin.seen(guess.rest_from_file) for name, pin in (pins or {}).items()}
         return fit_template(_seen(points, guess, count), start, scales, likeness, known)
 
     fits = [lay(guess, guess.start, _SAMPLES[0], _COARSE, _ALIKE) for guess in starts]

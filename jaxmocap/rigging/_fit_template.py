@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 from jaxmocap.character import GIRTHS, LENGTHS
 from jaxmocap.geometry import vertex_normals
 
+from ._pins import Missed, Pin, missed
 from ._template import Body, joint_slopes, moved, probes, squares, surface, template
 
 _NORMALS = 0.08  # metres that a right angle between two normals counts for, in the search of the nearest point
@@ -24,7 +25,6 @@ _POINTS = 400.0  # independent measurements that all points together count for
 _NOISE = 0.015  # metres
 _HEIGHT, _LENGTH, _GIRTH = 0.2, 0.07, 0.15  # standard deviations of the shape's logarithms
 _DAMPING = 1.0
-_PIN = 0.01  # metres, standard deviation of a joint that is known
 _STIFF = 0.12  # radians, for joints that a standing person hardly bends
 _LOOSE = {"shoulder_flex": 0.5, "shoulder_abd": 0.5, "shoulder_axial": 0.5, "elbow_flex": 0.5, "forearm_pron": 0.6}
 _LEGS = {"hip_flex": 0.2, "hip_abd": 0.25, "hip_int": 0.25, "knee_flex": 0.2, "ankle_dorsi": 0.2, "ankle_inv": 0.15}
@@ -53,7 +53,7 @@ def fit_template(
     start: Body,
     scales: Sequence[float],
     likeness: float,
-    pins: Mapping[str, Float[np.ndarray, "3"]] | None = None,
+    pins: Mapping[str, Pin] | None = None,
 ) -> Fit:
     """Lay the template into a surface of metres in the rest frame's axes, from a start that is roughly right.
 
@@ -69,24 +69,20 @@ def fit_template(
         pairs = _pairs(vertices, target, tree, scale)
         prior = (_numbers(body) - centre) / deviation
         numbers = _numbers(body)
-        missed, slopes = _missed(body, pins or {})
+        apart = _apart_from(pins or {}, body, scale)
         if number == len(scales):
-            energy = pairs.energy + 0.5 * float(prior @ prior + numbers @ alike @ numbers + missed @ missed)
+            energy = pairs.energy + apart.energy + 0.5 * float(prior @ prior + numbers @ alike @ numbers)
             return Fit(body, energy)
         hessian, gradient = pairs.normal_equations(jacobian)
-        hessian += np.diag(1.0 / deviation**2 + _DAMPING) + alike + slopes.T @ slopes
-        gradient += prior / deviation + alike @ numbers + slopes.T @ missed
+        hessian += np.diag(1.0 / deviation**2 + _DAMPING) + alike + apart.hessian
+        gradient += prior / deviation + alike @ numbers + apart.gradient
         body = moved(body, _bounded(hessian, -gradient, *_room(body)))
     raise ValueError("no scales")
 
 
-def _missed(body: Body, pins: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """How far the joints are from where they are known to be, in standard deviations, and the derivative by a step."""
-    if not pins:
-        return np.zeros(0), np.zeros((0, 6 + len(body.angles) + len(body.shape)))
-    places, slopes = joint_slopes(body)
-    off = np.concatenate([places[name] - place for name, place in pins.items()])
-    return off / _PIN, np.concatenate([slopes[name] for name in pins]) / _PIN
+def _apart_from(pins: Mapping[str, Pin], body: Body, scale: float) -> Missed:
+    places, slopes = joint_slopes(body) if pins else ({}, {})
+    return missed(pins, places, slopes, scale, 6 + len(body.angles) + len(body.shape))
 
 
 class _Pairs(NamedTuple):

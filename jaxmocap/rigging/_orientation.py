@@ -32,13 +32,14 @@ def guesses(
     """Rotations that make a person of a surface (in any units), the likeliest first.
 
     Tried are the right-handed frames along the surface's principal axes and those along the file's axes; `up` and
-    `front` (unit vectors in the file's axes) leave only those that agree with them within 45 degrees.
+    `front` (unit vectors in the file's axes) leave only those that agree with them within 45 degrees, and if both are
+    given, add their own.
     """
     few = Points(points.places[:_SAMPLES], points.normals[:_SAMPLES])
     bodies = [body_at_rest(np.eye(4))._replace(angles=rest_angles_of(arms)) for arms in ARMS]
     stances = [_stance(body) for body in bodies]
     found = []
-    for turn in _frames(points.places):
+    for turn in (*_given_frame(up, front), *_frames(points.places)):
         if any(given is not None and turn[row] @ given < 0.7 for row, given in ((1, up), (2, front))):
             continue
         turned = Points(few.places @ turn.T, few.normals @ turn.T)
@@ -68,6 +69,15 @@ def _distance(a: Points, b: Points) -> float:
     """How far points of `a` are from `b` in the mean, each at most 30 cm."""
     apart, _ = KDTree(b.keys()).query(a.keys())
     return float(np.minimum(apart, 0.3).mean())
+
+
+def _given_frame(up: np.ndarray | None, front: np.ndarray | None) -> list[np.ndarray]:
+    """The rotation whose rows are left, up and front, if both are given and not along one line."""
+    if up is None or front is None or abs(up @ front) > 0.7:
+        return []
+    forward = front - (front @ up) * up
+    forward /= np.linalg.norm(forward)
+    return [np.stack([np.cross(up, forward), up, forward])]
 
 
 def _frames(places: np.ndarray) -> list[np.ndarray]:

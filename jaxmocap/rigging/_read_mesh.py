@@ -8,6 +8,9 @@ from jaxtyping import Float, Int
 
 from jaxmocap._results import InputError
 
+Mesh = tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]
+"""Vertices and triangles."""
+
 SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 
 

@@ -56,6 +56,16 @@ def repair(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face
     return Repair(vertices, faces, done)
 
 
+def repaired(
+    label: str, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], num_faces: int
+) -> Repair:
+    """`repair`, whose errors begin with the mesh's `label`."""
+    try:
+        return repair(vertices, faces, num_faces)
+    except InputError as error:
+        raise InputError(f"{label}: {error}") from None
+
+
 def _simplified(
     vertices: np.ndarray, faces: np.ndarray, num_faces: int, done: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:

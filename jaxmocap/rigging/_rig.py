@@ -6,29 +6,26 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from jaxmocap._results import InputError
 from jaxmocap.character import REQUIRED, Character
-from jaxmocap.geometry import vertex_normals
 
 from ._bind import bind
 from ._embed import Embedding, embed
-from ._fit_template import Points
 from ._keep_skin import brings_skin, keep_skin, radii_cm
-from ._read_mesh import read_mesh
-from ._repair import Repair, repair
+from ._keypoints import read_hints, report_on
+from ._pins import exact
+from ._read_mesh import Mesh, read_mesh
+from ._repair import Repair, repaired
+from ._samples import samples
 from ._turned_out import turned_out
 from ._units import ADULT, metres_per_unit
-from ._upright import AXES, axis_name, upright
+from ._upright import axis_name, named_axis, upright
 
-_SAMPLES = 4000
 _FAR, _COVERED = 0.045, 0.5
 _SURE = 0.05
 _FEWEST, _MOST = 300, 200_000
-
-Mesh = tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ class RiggedMesh:
     `up` and `front`, how far the body laid into the mesh is from it (`distance_cm`), which share of the
     triangles turns inside out at the worst limit of a joint (`turned_out`), how thick the body is around each
     bone (`radii_cm`), by what share it fits worse when
-    it faces the other way (`front_margin`), and `warnings`.
+    it faces the other way (`front_margin`), how far the joints are from where `keypoints` have them, and `warnings`.
     """
 
     character: Character
@@ -58,6 +55,7 @@ def rig(
     up: str | None = None,
     front: str | None = None,
     joints: Mapping[str, Any] | None = None,
+    keypoints: str | Path | None = None,
     mapping: str | Path | Mapping[str, str] | None = None,
     anew: bool = False,
     name: str | None = None,
@@ -68,7 +66,10 @@ def rig(
     `num_faces` triangles, and gets joints and skinning weights. T-, A- and relaxed poses, any orientation, units and
     mirrored files will do. Help, where it goes wrong: `height` in metres; `units` (m, cm, mm, in, ft, dm); `up` and
     `front`, axes of the file such as "z" or "-y"; `joints`, places in the file's units and axes of any of `pelvis`,
-    `neck` and, per side, `l_`/`r_` `shoulder elbow wrist hip knee ankle`.
+    `neck` and, per side, `l_`/`r_` `shoulder elbow wrist hip knee ankle`; `keypoints`, a folder of pictures that
+    `rig_pictures` drew of the same mesh, with what a detector found in them (OpenPose BODY_25, such as
+    `front_keypoints.json`), or one such file. Keypoints tell up and front too, and draw joints near without fixing
+    them: a detector is some centimetres off.
 
     The skin of a skinned glTF file or body model is kept, its joints recognised or named by `mapping` as in
     `Character.load`, unless `anew`. Raises `InputError` where no standing person is found.
@@ -76,23 +77,25 @@ def rig(
     if not _FEWEST <= num_faces <= _MOST:
         raise InputError(f"{num_faces} triangles were asked for; choose {_FEWEST} to {_MOST:,}.")
     if isinstance(mesh, str | Path) and not anew and brings_skin(Path(mesh)):
-        if any(option is not None for option in (height, units, up, front, joints)):
+        if any(option is not None for option in (height, units, up, front, joints, keypoints)):
             raise InputError(f"{mesh} has a skin of its own, which is kept; help is for rigging it anew (--anew).")
         return RiggedMesh(*keep_skin(Path(mesh), num_faces, mapping))
     if mapping is not None:
         raise InputError("a mapping names the joints of a skinned file; this mesh has none, or is rigged anew.")
     label = str(mesh) if isinstance(mesh, str | Path) else name or "the mesh"
-    wanted_up, wanted_front = (_axis(option, axis) for option, axis in (("up", up), ("front", front)))
+    wanted_up, wanted_front = (named_axis(option, axis) for option, axis in (("up", up), ("front", front)))
     vertices, faces = read_mesh(Path(mesh)) if isinstance(mesh, str | Path) else mesh
     before = len(faces)
-    try:
-        clean = repair(vertices, faces, num_faces)
-    except InputError as error:
-        raise InputError(f"{label}: {error}") from None
-    pins = _pins(joints)
-    found = embed(_samples(clean), wanted_up, wanted_front, pins)
+    clean = repaired(label, vertices, faces, num_faces)
+    given = _pins(joints)
+    hints = None if keypoints is None else read_hints(keypoints, clean.vertices, clean.faces)
+    pins = ({} if hints is None else hints.pins) | {joint: exact(place) for joint, place in given.items()}
+    if hints is not None:
+        wanted_up = hints.up if wanted_up is None else wanted_up
+        wanted_front = hints.front if wanted_front is None else wanted_front
+    found = embed(samples(clean.vertices, clean.faces), wanted_up, wanted_front, pins)
     found = _person(found, label)
-    turned = _in_rest_frame(clean, found, pins)
+    turned = _in_rest_frame(clean, found, given)
     metre, unit = metres_per_unit(label, float(np.ptp(turned.vertices[:, 1])), height, units)
     placed = turned.scaled(metre)
     title = name or (Path(mesh).stem if isinstance(mesh, str | Path) else "rigged mesh")
@@ -111,6 +114,7 @@ def rig(
         "turned_out": round(turned_out(character), 4),
         "radii_cm": radii_cm(character),
         "front_margin": round(found.front_margin, 3) if np.isfinite(found.front_margin) else None,
+        "keypoints": None if hints is None else report_on(hints, placed.places, placed.rest_from_file),
         "warnings": _warnings(found, clean, tall, sized=bool(height or units)),
     }
     return RiggedMesh(character, report, placed.rest_from_file)
@@ -143,18 +147,6 @@ def _in_rest_frame(clean: Repair, found: Embedding, pins: Mapping[str, np.ndarra
     matrix[:3, :3], matrix[:3, 3] = turn, shift
     moved = {name: turn @ place + shift for name, place in places.items()}
     return _Placed(vertices + shift, moved, to_file(found.laid) @ turn.T + shift, matrix)
-
-
-def _samples(clean: Repair) -> Points:
-    """Points spread evenly over the surface, in random order but always the same."""
-    mesh = trimesh.Trimesh(clean.vertices, clean.faces, process=False)
-    places, face = trimesh.sample.sample_surface(mesh, _SAMPLES, seed=0)[:2]
-    corners = clean.vertices[clean.faces[face]]
-    share = trimesh.triangles.points_to_barycentric(corners, places)
-    normals = np.einsum("nc,nci->ni", share, vertex_normals(clean.vertices, clean.faces)[clean.faces[face]])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    order = np.random.default_rng(0).permutation(len(places))
-    return Points(np.asarray(places, np.float64)[order], normals[order])
 
 
 def _person(found: Embedding | None, label: str) -> Embedding:
@@ -192,14 +184,6 @@ def _closed(faces: np.ndarray) -> bool:
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, count = np.unique(edges, axis=0, return_counts=True)
     return bool(np.all(count % 2 == 0))
-
-
-def _axis(option: str, axis: str | None) -> np.ndarray | None:
-    if axis is None:
-        return None
-    if axis not in AXES:
-        raise InputError(f"{option} is {axis!r}; one of the file's axes was expected: {', '.join(AXES)}.")
-    return AXES[axis]
 
 
 def _pins(joints: Mapping[str, Any] | None) -> dict[str, np.ndarray]:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
+from jaxmocap._results import InputError
 from jaxmocap.character import rest_frame
 
 AXES = {
@@ -28,6 +29,15 @@ def upright(places: Mapping[str, np.ndarray]) -> Float[np.ndarray, "3 3"]:
 def _snapped(direction: np.ndarray) -> np.ndarray:
     nearest = max(AXES.values(), key=lambda axis: axis @ direction)
     return nearest if nearest @ direction > np.cos(np.radians(_TILT)) else direction
+
+
+def named_axis(option: str, axis: str | None) -> Float[np.ndarray, "3"] | None:
+    """The direction that an option names, such as "-y"; None for None."""
+    if axis is None:
+        return None
+    if axis not in AXES:
+        raise InputError(f"{option} is {axis!r}; one of the file's axes was expected: {', '.join(AXES)}.")
+    return AXES[axis]
 
 
 def axis_name(direction: np.ndarray) -> str:

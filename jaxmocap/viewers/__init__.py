@@ -12,5 +12,6 @@ from ._overlay_video import (
 )
 from ._report_page import report_page as report_page
 from ._rerun import write_rerun as write_rerun
+from ._rig_pictures import rig_pictures as rig_pictures
 from ._video import VideoWriter as VideoWriter, open_video as open_video, write_overlay_video as write_overlay_video
 from ._view import ResultViewer as ResultViewer, view as view

@@ -56,7 +56,7 @@ def draw_overlay(
     drawn = np.ascontiguousarray(image).copy()
     if ids is None:
         ids = paint_face_ids(vertices, faces, intrinsics, cam_from_world, (image.shape[1], image.shape[0]))
-    _draw_mesh(drawn, np.asarray(ids), _face_colours(vertices, faces, cam_from_world, _COLOURS[status]), style)
+    _draw_mesh(drawn, np.asarray(ids), face_colours(vertices, faces, cam_from_world, _COLOURS[status]), style)
     if joints is not None and style.bones:
         _draw_bones(drawn, to_pixels(joints, intrinsics, cam_from_world)[0], joint_names, confidence, style.bones)
     if style.verdict:
@@ -85,7 +85,7 @@ def contact_sheet(
     return sheet
 
 
-def _face_colours(
+def face_colours(
     vertices: np.ndarray, faces: np.ndarray, cam_from_world: np.ndarray, colour: tuple[int, int, int]
 ) -> UInt8[np.ndarray, "face 3"]:
     """Lambert's cosine law per face, the same from both sides."""

@@ -1,10 +1,13 @@
 """People whose joints are known: procedural bodies of other proportions and poses, as bare meshes."""
 
+import json
 from collections.abc import Mapping
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmocap.camera import Cameras
 from jaxmocap.character import (
     BodyShape,
     Character,
@@ -15,6 +18,7 @@ from jaxmocap.character import (
     scaled,
     skin,
 )
+from jaxmocap.observation import BODY_25
 from jaxmocap.rigging import RiggedMesh
 from jaxmocap.synthetic import make_actor
 
@@ -23,6 +27,7 @@ STANCES = {  # degrees from the neutral body
     "T": {"shoulder_flex": 0, "shoulder_abd": 0, "shoulder_axial": 0, "elbow_flex": 0},
     "A": {"shoulder_flex": 0, "shoulder_abd": -45, "shoulder_axial": 0, "elbow_flex": 5},
     "relaxed": {"shoulder_flex": 5, "shoulder_abd": -72, "shoulder_axial": 0, "elbow_flex": 15, "hip_abd": 3},
+    "one arm up": {"l_shoulder_abd": 70, "r_shoulder_abd": -70, "l_elbow_flex": 20},
 }
 
 
@@ -43,11 +48,41 @@ def standing(character: Character, stance: str) -> tuple[np.ndarray, np.ndarray,
     skeleton, at_rest = character.skeleton, np.degrees(angles_at_rest(character.skeleton))
     angles = np.zeros(skeleton.num_angles)
     for number, name in enumerate(skeleton.dof_names[6:]):
-        if name[2:] in STANCES[stance]:
-            angles[number] = STANCES[stance][name[2:]] - at_rest[number]
+        for key in {name, name[2:]} & set(STANCES[stance]):
+            angles[number] = STANCES[stance][key] - at_rest[number]
     pose = Pose(jnp.eye(4), jnp.asarray(np.radians(angles), jnp.float32))
     places = dict(zip(skeleton.landmark_names, np.asarray(landmark_positions(skeleton, pose), float), strict=True))
     return np.asarray(skin(character, pose), float), np.asarray(character.faces), {j: places[j] for j in JOINTS}
+
+
+def write_keypoints(
+    folder: Path,
+    cameras: Cameras,
+    joints: Mapping[str, np.ndarray],
+    noise: float = 4.0,
+    exchanged: tuple[str, ...] = (),
+) -> None:
+    """What a detector would find in the pictures of a mesh: its joints, with `noise` in pixels, left taken for right
+    in the views `exchanged`, as OpenPose files."""
+    draw = np.random.default_rng(0)
+    places = dict(joints)
+    places |= {f"mid_{joint}": 0.5 * (joints[f"l_{joint}"] + joints[f"r_{joint}"]) for joint in ("shoulder", "hip")}
+    for camera, name in enumerate(cameras.names):
+        points = np.zeros((25, 3))
+        for number, parts in BODY_25.items():
+            joint = parts[0] if len(parts) == 1 else f"mid_{parts[0][2:]}"
+            if name in exchanged and len(parts) == 1:
+                joint = {"l": "r", "r": "l"}.get(joint[0], joint[0]) + joint[1:]
+            if joint in places:
+                pose = np.asarray(cameras.cam_from_world[camera, 0], float)
+                pixel = np.asarray(cameras.intrinsics[camera], float) @ (pose[:3, :3] @ places[joint] + pose[:3, 3])
+                points[number] = *(pixel[:2] / pixel[2] + noise * draw.standard_normal(2)), 0.8
+        write_people(folder / f"{name}_keypoints.json", points)
+
+
+def write_people(file: Path, *people: np.ndarray) -> None:
+    """An OpenPose file."""
+    file.write_text(json.dumps({"people": [{"pose_keypoints_2d": points.ravel().tolist()} for points in people]}))
 
 
 def errors(rigged: RiggedMesh, truth: Mapping[str, np.ndarray]) -> dict[str, float]:
