@@ -96,6 +96,16 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     _flush(path.parent)
 
 
+def keep_newest(folder: Path, most: int) -> None:
+    """Delete the npz files of a folder that have not been used for longest, where all take more than `most` bytes."""
+    files = sorted(folder.glob("*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
+    total = 0
+    for path in files:
+        total += path.stat().st_size
+        if total > most:
+            path.unlink(missing_ok=True)
+
+
 def plain(value: Any) -> Any:
     """`value` with NumPy and JAX scalars, arrays, tuples and paths turned into what JSON knows; NaN and infinity
     become None. Raises `TypeError` for anything else."""

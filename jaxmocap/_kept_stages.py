@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from jaxmocap._atomic import keep_newest
 from jaxmocap._records import UnreadableRecord, digest, read_records, write_records
 from jaxmocap._runtime import cache_folder
 
@@ -26,14 +27,5 @@ def kept(name: str, inputs: Mapping[str, Any], make: Callable[[], Any], folder: 
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
         write_records(path, value)
-        _prune(folder)
+        keep_newest(folder, LARGEST)
     return value
-
-
-def _prune(folder: Path) -> None:
-    files = sorted(folder.glob("*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
-    total = 0
-    for path in files:
-        total += path.stat().st_size
-        if total > LARGEST:
-            path.unlink(missing_ok=True)

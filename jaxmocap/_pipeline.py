@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxmocap._complete import MaskRecord, mask_record, say_doubts, with_selected_frames
 from jaxmocap._inputs import code_hash, machine
+from jaxmocap._kept_programs import load_ahead, programs_noted
 from jaxmocap._kept_stages import kept
 from jaxmocap._prepare import Prepared, prepare
 from jaxmocap._records import different, digest
@@ -122,7 +123,9 @@ def track_capture(
     tell = progress or (lambda stage, done, total: None)
     out = Path(out)
     begin = time.perf_counter()
+    run_like = {"path": str(Path(path).resolve()), "quality": quality, "settings": dict(settings or {})}
     capture = Capture.open(path)
+    load_ahead(run_like)
     character = open_character(capture, actor, say)
     overrides = read_pose_file(pose_file) if pose_file is not None else None
     if detections is None and detections_frames is not None:
@@ -173,14 +176,15 @@ def track_capture(
         observations = observe(capture, cameras, character, made.appearance, made.registrations, found_points)
         prepared = time.perf_counter()
         try:
-            results = track_frames(
-                observations,
-                tracker,
-                key=jax.random.fold_in(key, 3),
-                frames=frames,
-                progress=None if progress is None else lambda step: progress("track", step.done, step.total),
-                checkpoint=checkpoint,
-            )
+            with programs_noted(run_like):
+                results = track_frames(
+                    observations,
+                    tracker,
+                    key=jax.random.fold_in(key, 3),
+                    frames=frames,
+                    progress=None if progress is None else lambda step: progress("track", step.done, step.total),
+                    checkpoint=checkpoint,
+                )
         except BaseException:
             if checkpoint.exists and say is not None:
                 say(f"The frames done so far are kept in {out}; the same command with --resume goes on from there.")

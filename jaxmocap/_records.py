@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ._atomic import write_bytes
@@ -75,10 +74,10 @@ def read_records(
         raise UnreadableRecord(f"{path}: {error}") from error
 
 
-def digest(value: Any) -> str:
+def digest(value: Any, foreign: bool = True) -> str:
     """A hash of all that `write_records` would store, equal for equal content whatever file it came from. Takes records
-    of other packages too, and functions by their names."""
-    encode = _Encoder({}, foreign=True)
+    of other packages too, and functions by their names, unless `foreign` is off: then they raise `TypeError`."""
+    encode = _Encoder({}, foreign=foreign)
     found = hashlib.blake2b(json.dumps(encode(value)).encode(), digest_size=16)
     for array in encode.arrays:
         found.update(f"{array.dtype.str}{array.shape}".encode())
@@ -160,7 +159,7 @@ def _decoded(tree: Any, stored: Mapping[str, np.ndarray], known: Mapping[str, An
         case "array":
             return stored[str(content)]
         case "device":
-            return jnp.asarray(stored[str(content)])
+            return jax.device_put(stored[str(content)])  # jnp.asarray compiles a program for every shape
         case "scalar":
             return stored[str(content)][()]
         case "list":

@@ -16,7 +16,8 @@ def prepare() -> None:
     """Keep compiled programs from run to run, and let JAX see every core. Call it before JAX is imported.
 
     The command line does this by itself. The cache is the user's cache folder; the environment variables
-    `JAX_COMPILATION_CACHE_DIR`, `JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS` and `JAX_NUM_CPU_DEVICES` go before. Where
+    `JAX_COMPILATION_CACHE_DIR`, `JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS`, `JAX_NUM_CPU_DEVICES` and
+    `JAXMOCAP_PROGRAMS` (the folder of traced programs; empty: none are kept) go before. Where
     JAX runs on an accelerator the number of CPU devices changes nothing. If JAX is imported already, the cache is still
     set, but the number of devices no longer.
     """
@@ -24,6 +25,7 @@ def prepare() -> None:
         "jax_compilation_cache_dir": str(cache_folder("xla")),
         "jax_persistent_cache_min_compile_time_secs": _SHORTEST_COMPILATION,
         "jax_num_cpu_devices": cores(),
+        "jaxmocap_programs": str(cache_folder("programs")),
     }
     for name, value in settings.items():
         os.environ.setdefault(name.upper(), str(value))

@@ -12,7 +12,7 @@ ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
     ("experiments",),
     ("_pipeline", "_calibrate", "_doctor"),
-    ("_prepare", "_run_folder", "_kept_stages", "_inputs"),
+    ("_prepare", "_run_folder", "_kept_stages"),
     ("_complete", "_synchronise", "_self_test"),
     ("baselines", "datasets"),
     ("viewers",),
@@ -26,8 +26,9 @@ ROWS = (
     ("capture",),
     ("camera",),
     ("geometry",),
+    ("_kept_programs",),
     ("_records",),
-    ("_types", "_results", "_runtime", "_atomic"),
+    ("_inputs", "_types", "_results", "_runtime", "_atomic"),
 )
 RANK: dict[str, float] = {name: row for row, names in enumerate(ROWS) for name in names}
 RANK["synthetic"] = RANK["rigging"] + 0.5

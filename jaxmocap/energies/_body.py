@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -43,7 +44,7 @@ def body_part(character: Character, dofs: tuple[int, ...], least_faces: int = 0,
     Raises `ValueError` if no face depends on them.
     """
     skeleton = character.skeleton
-    weights, faces = np.asarray(character.weights), np.asarray(character.faces)
+    vertices, weights, faces = map(np.asarray, (character.vertices, character.weights, character.faces))
     moved = np.ones(len(skeleton.body_names), bool)
     if min(dofs) >= 6:
         moved = skeleton.moved_by()[np.array(dofs) - 6].any(0)
@@ -56,11 +57,11 @@ def body_part(character: Character, dofs: tuple[int, ...], least_faces: int = 0,
     return BodyPart(
         num_faces=len(faces),
         dofs=jnp.asarray(dofs, jnp.int32),
-        faces=jnp.asarray(np.pad(local, ((0, 0), (0, more_faces)))),
-        face_numbers=jnp.asarray(np.pad(np.flatnonzero(moves).astype(np.int32), (0, more_faces))),
-        vertices=jnp.asarray(np.pad(np.asarray(character.vertices)[used], ((0, more_vertices), (0, 0)), mode="edge")),
-        weights=jnp.asarray(np.pad(weights[used], ((0, more_vertices), (0, 0)), mode="edge")),
-        moves=jnp.asarray(moves),
+        faces=jax.device_put(np.pad(local, ((0, 0), (0, more_faces)))),
+        face_numbers=jax.device_put(np.pad(np.flatnonzero(moves).astype(np.int32), (0, more_faces))),
+        vertices=jax.device_put(np.pad(vertices[used], ((0, more_vertices), (0, 0)), mode="edge")),
+        weights=jax.device_put(np.pad(weights[used], ((0, more_vertices), (0, 0)), mode="edge")),
+        moves=jax.device_put(moves),
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from jaxmocap._results import InputError
 from jaxmocap.geometry import IDENTITY, Similarity, fit_similarity
@@ -46,7 +46,7 @@ class JointErrors:
         if self.deviations is None:
             return float("nan")
         known = self.deviations[np.isfinite(self.deviations)]
-        return float(np.mean(known**2 <= chi2.ppf(share, 3)))
+        return float(np.mean(known**2 <= chdtri(3, 1 - share)))
 
 
 def joint_errors(

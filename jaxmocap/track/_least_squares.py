@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxmocap._kept_programs import kept_jit
 from jaxmocap.character import Character, Pose, retract
 from jaxmocap.energies import LineResidual, SurfaceLines
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
@@ -70,7 +70,7 @@ def _residual(character, base, rows, landmarks):
     return residual
 
 
-@eqx.filter_jit
+@kept_jit
 def gauss_newton_step(
     character: Character,
     base: Pose,

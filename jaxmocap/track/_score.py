@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import cv2
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jaxmocap._kept_programs import kept_jit
 from jaxmocap.character import Character, Pose, difference
 from jaxmocap.energies import Region, SearchEnergy, body_part, covered_cost, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem
@@ -16,7 +16,7 @@ from jaxmocap.render import to_screen
 from ._register import draw
 
 
-@eqx.filter_jit
+@kept_jit
 def _score(energy, character, part, pose, problem, increments, capacity):
     height, width = problem.size
     region = Region(jnp.zeros((problem.num_cameras, 2), jnp.int32), (height, width))
@@ -45,7 +45,7 @@ class PoseScore:
             self.capacity = 2 ** (needed - 1).bit_length()
 
 
-@eqx.filter_jit
+@kept_jit
 def covered_costs(ids: Int[Array, "camera height width"], problem: FrameProblem) -> Float[Array, "camera height width"]:
     """Eq. 6 per pixel as if every pixel were covered by its face."""
     table = problem.surface.colour_distance

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from jaxmocap._kept_programs import kept_jit
 from jaxmocap.character import Character, Pose, retract, simplify
 from jaxmocap.energies import (
     Base,
@@ -122,7 +123,7 @@ class _ParticleEnergy(eqx.Module):
         return jnp.where(scores.needed > self.capacity, jnp.nan, scores.total)
 
 
-@eqx.filter_jit
+@kept_jit
 def particle_boxes(
     character: Character, part: BodyPart, pose: Pose, problem: FrameProblem, increments: Float[Array, "particle dof"]
 ) -> Float[Array, "camera 4"]:
@@ -164,7 +165,7 @@ def wide_population(
     return jnp.clip(values, lower, upper)
 
 
-@eqx.filter_jit
+@kept_jit
 def _search(
     wide,
     stages,

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmocap._kept_programs import kept_jit
 from jaxmocap.character import Pose, Skeleton, landmark_positions, retract
 
 from ._frame_result import FrameResult
@@ -65,7 +65,7 @@ def _hessians(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame dof do
     return np.stack(found)
 
 
-@eqx.filter_jit
+@kept_jit
 def _covariances(
     skeleton: Skeleton,
     poses: Pose,

@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from ._estimate import Estimate, Undecided
 from ._fourier import fast_length
@@ -38,7 +38,7 @@ def compare_motions(first: MotionCurve, second: MotionCurve) -> Estimate:
     deviation = np.sqrt((lengths[:, None] / shared).sum(axis=0)) / len(lengths)
     significance = correlations.mean(axis=0) / deviation
     best = int(np.argmax(significance))
-    chance = float(min(len(lags) / lengths.mean() * norm.sf(significance[best]), 1.0))
+    chance = float(min(len(lags) / lengths.mean() * ndtr(-significance[best]), 1.0))
     if chance > _CHANCE:
         raise Undecided(
             f"the motion in {names[0]} and {names[1]} is too little alike at any offset (a likeness as good comes by "

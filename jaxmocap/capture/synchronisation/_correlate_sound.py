@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float32, Float64
-from scipy.stats import theilslopes
 
 from ._estimate import Estimate, Undecided
 from ._phase_correlation import match_anywhere, phase_correlation, repetition, smear
@@ -107,6 +106,8 @@ def _fit_line(
             delays.append(peak / RATE)
     slope, delay, middle = None, _peak_near(a, b, lag, begin, end)[0] / RATE, (begin + end) / (2 * RATE)
     if len(times) >= _ENOUGH and end - begin >= _LONG * RATE:
+        from scipy.stats import theilslopes  # takes a second to import
+
         slope = float(theilslopes(delays, times).slope)  # pyright: ignore
         delay = float(np.median(np.asarray(delays) - slope * (np.asarray(times) - middle)))
     off = np.abs(np.asarray(delays) - (slope or 0.0) * (np.asarray(times) - middle) - delay)
