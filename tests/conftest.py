@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("JAXMOCAP_DATA", ROOT.parent / "shared" / "data"))
 
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ["XDG_CACHE_HOME"] = str(ROOT / ".pytest_cache" / "user")
 os.environ["JAXMOCAP_PROGRAMS"] = ""  # every program is traced, so that annotations are checked
 install_import_hook("jaxmocap", "array_checks.check_arrays")

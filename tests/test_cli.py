@@ -233,6 +233,7 @@ def test_check_of_a_faultless_capture_exits_with_0_and_describes_the_actor(film,
     assert any(finding["where"] == "actor" and "triangles" in finding["message"] for finding in findings)
 
 
+@pytest.mark.slow
 def test_check_of_a_capture_with_a_bare_actor_rigs_it_and_says_so(film, capsys):
     character = Character.load(film / "actor.glb")
     mesh = trimesh.Trimesh(np.asarray(character.vertices), np.asarray(character.faces), process=False)

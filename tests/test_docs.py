@@ -140,6 +140,7 @@ def test_the_exporter_of_contributing_writes_every_frame(motion, tmp_path, monke
     np.testing.assert_allclose(np.array(place, float) / 1000, [x, -z, y], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_baseline_of_contributing_stays_where_it_was_registered(shown, tmp_path):
     still = run_block("jaxmocap/baselines/_still.py")["StandingStill"]()
     capture = Capture.open(write_capture(shown, tmp_path / "capture"))

@@ -66,6 +66,7 @@ def test_views_agree_on_the_colour_of_matched_points_at_the_truth(sweeps):
     assert sweeps[1]["view_view"] > 1.5 * sweeps[1]["colour"]
 
 
+@pytest.mark.slow
 def test_views_agree_better_at_twice_the_resolution():
     """0.047 where the pattern is resolved, and 0.043 with plain clothes at the small size."""
     truth = make_capture(1, (640, 360), sensor_noise=0.0)

@@ -141,6 +141,7 @@ def test_a_person_out_of_sight_has_finite_energy_and_gradient(eq5):
         assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found))
 
 
+@pytest.mark.slow
 def test_it_maps_over_poses(eq5):
     value, _, slope, at = eq5
     deltas = jnp.asarray(np.random.default_rng(2).normal(0, 0.02, (2, 39)), jnp.float32)

@@ -136,6 +136,7 @@ def test_a_capture_of_one_s_own_needs_a_truth(tmp_path):
         bench("paper", tmp_path / "out", captures=[folder])
 
 
+@pytest.mark.slow
 def test_a_real_run_with_noisy_inputs_from_the_true_pose(tmp_path):
     """Two frames by keypoints, which takes least: it is the inputs that are tested."""
     spec = CaptureSpec("square", {"num_frames": 2, "size": (160, 90), "selected_frames": [0], "sensor_noise": 0.0})

@@ -43,6 +43,7 @@ def test_newton_goes_downhill_from_a_hill_top():
     assert float(abs(found[0])) == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_how_far_a_camera_s_error_moves_the_pose(world):
     """The example of docs/experiments.md: keypoints without error, a camera that is shifted and turned."""
     names = {"character": world.character, "pose": world.pose(2), "view": world.cameras.at(2)}

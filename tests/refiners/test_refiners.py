@@ -24,7 +24,10 @@ def double_precision():
         yield
 
 
-@pytest.fixture(params=REFINERS.values(), ids=REFINERS.keys())
+@pytest.fixture(
+    params=[pytest.param(r, marks=pytest.mark.slow if name == "dogleg" else []) for name, r in REFINERS.items()],
+    ids=REFINERS.keys(),
+)
 def refiner(request):
     return request.param
 

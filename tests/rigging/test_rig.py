@@ -31,6 +31,7 @@ def within_bounds(rigged, truth):
     assert max(off.values()) < WORST, off
 
 
+@pytest.mark.slow
 def test_a_relaxed_stance_in_metres(rigged, relaxed):
     within_bounds(rigged, relaxed[2])
     assert rigged.report["units"] == "m"
@@ -61,7 +62,7 @@ def test_blends_are_widened_where_the_skin_would_turn_inside_out_and_nowhere_els
     np.testing.assert_allclose(rigged.character.weights[shin], heat.character.weights[shin], atol=0.01)
 
 
-@pytest.mark.parametrize("num_faces", [1000, 12_000])
+@pytest.mark.parametrize("num_faces", [1000, pytest.param(12_000, marks=pytest.mark.slow)])
 def test_meshes_of_few_and_of_many_triangles_do_not_turn_out(num_faces, relaxed):
     mesh = trimesh.Trimesh(*relaxed[:2], process=False)
     if num_faces > len(mesh.faces):
@@ -232,7 +233,7 @@ def test_files_that_hold_no_mesh_are_refused(name, content, words, tmp_path):
         rig(tmp_path / name)
 
 
-@pytest.mark.parametrize("capture", ["plaza", "street"])
+@pytest.mark.parametrize("capture", ["plaza", pytest.param("street", marks=pytest.mark.slow)])
 def test_scans_of_the_captures_get_the_joints_of_their_skinned_twins(capture, data):
     truth = Character.load(data / capture / "actor.glb").skeleton
     for num_faces in (5000, 1000):

@@ -67,6 +67,7 @@ def test_a_body_that_is_refused_without_keypoints_is_rigged_with_them(one_arm_up
     within_bounds(rig((vertices, faces), keypoints=seen / "front_keypoints.json"), joints)
 
 
+@pytest.mark.slow
 def test_joints_given_by_hand_overrule_keypoints(one_arm_up, seen):
     vertices, faces, joints = one_arm_up
     given = {"l_elbow": joints["l_elbow"] + [0.0, 0.0, 0.03]}
@@ -74,6 +75,7 @@ def test_joints_given_by_hand_overrule_keypoints(one_arm_up, seen):
     assert errors(rigged, given)["l_elbow"] < 0.01
 
 
+@pytest.mark.slow
 def test_keypoints_tell_the_front_of_pictures_from_behind_of_a_mesh_in_millimetres(one_arm_up, tmp_path):
     """The pictures are drawn from behind, and in one of them the detector takes left for right."""
     vertices, faces, joints = one_arm_up
@@ -89,7 +91,7 @@ def test_keypoints_tell_the_front_of_pictures_from_behind_of_a_mesh_in_millimetr
     np.testing.assert_allclose(forward, turn @ [0, 0, 1], atol=0.05)
 
 
-@pytest.mark.parametrize("views", [VIEWS, ("front",)])
+@pytest.mark.parametrize("views", [pytest.param(VIEWS, marks=pytest.mark.slow), ("front",)])
 def test_a_scan_keeps_or_betters_its_joints(views, data, tmp_path):
     truth = Character.load(data / "plaza" / "actor.glb").skeleton
     joints = {joint: np.asarray(truth.landmark(joint), float) for joint in JOINTS}

@@ -112,6 +112,7 @@ def excess(fit: CharacterFit, filmed: SyntheticCapture) -> dict[str, float]:
     return {name: float(found[name] / truth[name]) - 1 for name in truth}
 
 
+@pytest.mark.slow
 def test_lengths_are_found_to_3_percent_but_for_what_the_detector_may_see_elsewhere(fitted, filmed, generic):
     """Shoulder points may lie beside the shoulders, which trades their breadth against the upper arms."""
     errors = excess(fitted, filmed)

@@ -86,6 +86,7 @@ def test_one_view_is_enough_for_the_person_to_stand_where_he_does(world, keypoin
     assert landmark_errors(world, pose).mean() < 0.15
 
 
+@pytest.mark.slow
 def test_the_side_a_single_view_shows_is_found(world, solve):
     """A body turned by any angle about the vertical faces the same way afterwards."""
     skeleton = world.character.skeleton

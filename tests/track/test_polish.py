@@ -40,6 +40,7 @@ def test_joint_limits_hold(world, polished):
     assert np.all((angles >= skeleton.lower - 1e-5) & (angles <= skeleton.upper + 1e-5))
 
 
+@pytest.mark.slow
 def test_bounds_that_are_too_small_change_nothing(world, polished):
     start, pose, _, after = polished
     small = PolishPlan(steps=25, soft=SoftSettings(windows=64, pixels=256, shares=256))

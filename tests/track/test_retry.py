@@ -39,6 +39,7 @@ def test_an_arm_that_no_view_shows_is_found(world):
     assert vertex_errors(world, FRAME, found).max() < 0.06
 
 
+@pytest.mark.slow
 def test_what_always_stays_uncovered_calls_for_nothing(world):
     """Hidden or foreign limbs aside, the uncovered arm is searched for unless as much was uncovered before."""
     for usual, moves in ((0.0, True), (1.0, False)):
