@@ -19,6 +19,9 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ["XDG_CACHE_HOME"] = str(ROOT / ".pytest_cache" / "user")
 os.environ["JAXMOCAP_PROGRAMS"] = ""  # every program is traced, so that annotations are checked
 install_import_hook("jaxmocap", "array_checks.check_arrays")
+import jaxmocap._runtime  # noqa: E402
+
+jaxmocap._runtime.compile_sooner()  # as the command line and `prepare` do
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+import jaxlib
 import numpy as np
 import pytest
 import trimesh
@@ -106,6 +107,24 @@ def test_prepare_keeps_what_the_user_has_set(monkeypatch):
     if sys.platform == "linux":
         assert ours.stdout.startswith("/c/jaxmocap/xla 0.0 ")
     assert kept.stdout.split() == ["/elsewhere", "0.25", "3"]
+
+
+def test_prepare_adds_its_flag_for_the_compiler_to_the_user_s():
+    flag = "--xla_cpu_use_fusion_emitters=false"
+    code = "import jaxmocap, os; jaxmocap.prepare(); jaxmocap.prepare(); print(os.environ.get('XLA_FLAGS'))"
+    said = {}
+    for given in ("", "--xla_cpu_use_fusion_emitters=true", "--xla_backend_optimization_level=2"):
+        environment = os.environ | {"XLA_FLAGS": given}
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        said[given] = done.stdout.strip()
+    if jaxlib.__version__.startswith("0.10."):
+        assert list(said.values()) == [
+            flag,
+            "--xla_cpu_use_fusion_emitters=true",
+            f"--xla_backend_optimization_level=2 {flag}",
+        ]
+    else:
+        assert all(flag not in words for words in said.values())
 
 
 # Mistakes ---------------------------------------------------------------------------------------------------------
