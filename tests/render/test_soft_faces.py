@@ -63,6 +63,7 @@ def test_the_derivative_of_the_area_is_its_difference_quotient():
             assert slope[row, column] == pytest.approx(float(quotient), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_faces_of_one_surface_share_its_pixels_without_a_gap():
     vertices, faces = sphere()
     view = seen(vertices, faces)

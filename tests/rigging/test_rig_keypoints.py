@@ -56,6 +56,7 @@ def test_pictures_show_the_mesh_where_its_cameras_see_it(one_arm_up, seen):
         assert person[rows, columns].mean() > 0.9
 
 
+@pytest.mark.slow
 def test_a_body_that_is_refused_without_keypoints_is_rigged_with_them(one_arm_up, seen, tmp_path):
     vertices, faces, joints = one_arm_up
     with pytest.raises(InputError, match="no left upper arm"):
