@@ -70,6 +70,19 @@ def stopped_camera(source: Path, folder: Path, frame: int) -> Path:
     return _write(capture, folder, frames=frames)
 
 
+def looped(source: Path, folder: Path, count: int, length: int = 30) -> Path:
+    """Nothing is wrong, but it lasts: the first `length` frames forwards and backwards until there are `count`."""
+    capture = Capture.open(source).with_selected_frames((0,))
+    there_and_back = np.concatenate([np.arange(length), np.arange(length - 2, 0, -1)])
+    order = np.resize(there_and_back, count)
+    frames = [order] * capture.num_cameras
+    _write(capture, folder, frames=frames, posed=frames)
+    with np.load(folder / "truth.npz") as truth:
+        long = {name: a[order] if a.shape[:1] == (capture.num_frames,) else a for name, a in truth.items()}
+    np.savez(folder / "truth.npz", **long)
+    return folder
+
+
 def other_actor(source: Path, folder: Path, actor: Path) -> Path:
     """Somebody else's mesh."""
     return _write(Capture.open(source), folder, actor=actor)

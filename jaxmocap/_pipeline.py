@@ -193,6 +193,7 @@ def track_capture(
         provenance = {
             "capture": str(capture.folder.resolve()),
             "capture_name": capture.name,
+            "recorded_sizes": [list(size) for size in capture.recorded_sizes],
             "truth": None if capture.truth is None else str(capture.truth.resolve()),
             "actor": str(Path(actor or capture.actor or "").resolve()),
             "quality": quality,

@@ -51,7 +51,7 @@ def cameras(
         raise InputError("--to says in which form the cameras are written and --out where to; give both")
     if take is not None:
         say(f"{adopt_cameras(capture, take, replace=replace)} is named in capture.toml.")
-    opened = Capture.open(capture)
+    opened = Capture.open(capture).as_recorded()
     found = opened.cameras
     if to is not None and out is not None:
         say(f"{write_cameras(found, out, to, opened.video_frames)} written.")

@@ -17,7 +17,7 @@ _CONFIDENT = 0.3
 
 def as_recorded(capture: Capture) -> Capture:
     """The capture without its cameras: images, masks and keypoints lie in the recorded videos."""
-    return replace(capture, cameras_path=None, found_masks={})
+    return replace(capture.as_recorded(), cameras_path=None)
 
 
 def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: int, threads: int, seed: int) -> Footage:

@@ -62,6 +62,7 @@ def refine(
     where the motion does not belong to the capture, and where there are too few keypoints.
     """
     began = time.perf_counter()
+    capture = capture.as_recorded()
     priors = JointPriors() if priors is None else priors
     body = body_sightings(capture, motion, detections)
     tracks = read_tracks(capture, progress)

@@ -1,5 +1,7 @@
 """The cameras of a capture: one set of intrinsics per camera, one pose per camera and frame."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -39,6 +41,12 @@ class Cameras(eqx.Module):
         if isinstance(frame, int) and not 0 <= frame < self.num_frames:
             raise IndexError(f"frame {frame} is outside 0..{self.num_frames - 1}")
         return View(self.intrinsics, self.cam_from_world[:, frame])
+
+    def resized(self, sizes: tuple[tuple[int, int], ...]) -> "Cameras":
+        """The same cameras with pictures of other (width, height), which see as much."""
+        factors = jnp.array(sizes) / jnp.array(self.sizes)
+        scale = jnp.concatenate([factors, jnp.ones_like(factors[:, :1])], axis=1)[:, :, None]
+        return replace(self, sizes=sizes, intrinsics=self.intrinsics * scale) if sizes != self.sizes else self
 
     def centres(self) -> Float[Array, "camera frame 3"]:
         """Optical centres in the world, metres: -R^T t."""

@@ -18,13 +18,14 @@ from ._config import CaptureConfig, config_path, read_config
 from ._consistency import missing_files, selected_positions, span_of
 from ._findings import Finding
 from ._keypoints import best_person, keypoint_file, mask_file, read_mask, read_people
+from ._reduction import Reduction, reduced_size
 from ._shared_frames import shared_frames
 from ._undistortion import Undistortion
 from ._video import FrameReader, VideoIndex, index_video
 
 _METRES = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
 _CACHED_IMAGES = 8
-_OPENED = ("timestamps", "cameras", "_undistortions", "_random_access")
+_OPENED = ("timestamps", "cameras", "_reductions", "_undistortions", "_random_access")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,8 @@ class Capture:
     `cameras.at(frame)` and `timestamps[frame]`. `video_frames[camera, frame]` is its number in that camera's own
     video, by which files are named; `video_frames[0]` are the frame numbers of a result. `selected_frames` are
     positions too. `findings` are the warnings met while opening. `found_masks` (camera, frame), undistorted, stand in
-    for mask files that are missing (`with_masks`).
+    for mask files that are missing (`with_masks`). Pictures longer than `longest_side` pixels are made smaller when
+    they are decoded (None: never), and masks, keypoints and cameras with them: whatever a capture gives is of `sizes`.
     """
 
     folder: Path
@@ -57,11 +59,15 @@ class Capture:
     video_frames: Int64[np.ndarray, "camera frame"]
     findings: tuple[Finding, ...] = ()
     found_masks: Mapping[tuple[int, int], Bool[np.ndarray, "height width"]] = field(default_factory=dict)
+    longest_side: int | None = None
 
     @staticmethod
-    def open(path: str | Path, *, with_cameras: bool = True) -> "Capture":
+    def open(path: str | Path, *, with_cameras: bool = True, longest_side: int | None = None) -> "Capture":
         """Open a capture folder, or its `capture.toml`. Without cameras, whatever it says about them is not looked at,
         and images, masks and keypoints are as recorded.
+
+        Pictures longer than `longest_side` pixels are made smaller; by default what `capture.toml` says, or else 960,
+        as the paper's Sec. 5 makes 1920 x 1080 to 960 x 540.
 
         Raises `InputError` naming the file, camera or frame for anything that makes the capture unusable; `check`
         lists everything at once.
@@ -73,6 +79,8 @@ class Capture:
         if not with_cameras:
             config = config.model_copy(update={"cameras": None})
         capture = build(file, config, [index_video(file.parent / entry.video) for entry in config.camera], findings)
+        if with_cameras:
+            capture = replace(capture, longest_side=longest_side or config.longest_side)
         for _, missing in missing_files(file, config):
             raise InputError(missing)
         if capture.cameras_path is not None:
@@ -85,6 +93,11 @@ class Capture:
 
     @property
     def sizes(self) -> tuple[tuple[int, int], ...]:
+        """(width, height) of each camera's pictures, in pixels."""
+        return tuple(reduced_size(size, self.longest_side) for size in self.recorded_sizes)
+
+    @property
+    def recorded_sizes(self) -> tuple[tuple[int, int], ...]:
         """(width, height) of each video as displayed."""
         return tuple(index.size for index in self.indices)
 
@@ -101,9 +114,14 @@ class Capture:
                 f"capture {self.folder} has no cameras: calibrate it first (jaxmocap calibrate {self.folder}), or name "
                 "a COLMAP model or a calibration file as cameras in capture.toml"
             )
-        return read_cameras(
-            self.cameras_path, self.camera_names, self.num_frames, self.sizes, self.video_frames, self.metres_per_unit
-        )
+        sizes, path = self.recorded_sizes, self.cameras_path
+        cameras = read_cameras(path, self.camera_names, self.num_frames, sizes, self.video_frames, self.metres_per_unit)
+        return cameras.resized(self.sizes)
+
+    @cached_property
+    def _reductions(self) -> tuple[Reduction | None, ...]:
+        sizes = zip(self.recorded_sizes, self.sizes, strict=True)
+        return tuple(Reduction(recorded, size) if recorded != size else None for recorded, size in sizes)
 
     @cached_property
     def _undistortions(self) -> tuple[Undistortion | None, ...]:
@@ -141,8 +159,14 @@ class Capture:
 
     def _read(self, camera_index: int, reader: FrameReader, frame: int) -> UInt8[np.ndarray, "height width 3"]:
         image = reader.read(self._own_frame(camera_index, frame))
-        undistortion = self._undistortions[camera_index]
-        return image if undistortion is None else undistortion.image(image)
+        for step in self._steps(camera_index):
+            image = step.image(image)
+        return image
+
+    def _steps(self, camera_index: int) -> list[Reduction | Undistortion]:
+        """From the recorded video to the pictures: smaller, then undistorted."""
+        steps = (self._reductions[camera_index], self._undistortions[camera_index])
+        return [step for step in steps if step is not None]
 
     @cached_property
     def _random_access(self) -> "_RandomAccess":
@@ -171,9 +195,10 @@ class Capture:
         file = mask_file(self.masks_folder, self.camera_names[camera_index], own)
         if not file.is_file():
             return None
-        mask = read_mask(file, self.sizes[camera_index])
-        undistortion = self._undistortions[camera_index]
-        return mask if undistortion is None else undistortion.mask(mask)
+        mask = read_mask(file, self.recorded_sizes[camera_index])
+        for step in self._steps(camera_index):
+            mask = step.mask(mask)
+        return mask
 
     def with_masks(self, masks: Mapping[int, Sequence[Bool[np.ndarray, "height width"] | None]]) -> "Capture":
         """The same capture with masks that were found: frame -> one undistorted mask, or None, per camera."""
@@ -184,6 +209,10 @@ class Capture:
         """The same capture with these selected frames (positions)."""
         return self._with(selected_frames=tuple(sorted(set(frames))))
 
+    def as_recorded(self) -> "Capture":
+        """The same capture with pictures, masks, keypoints and cameras of the videos' own sizes."""
+        return replace(self, longest_side=None, found_masks={})
+
     def _with(self, **changes: Any) -> "Capture":
         """A changed copy that shares the cameras read and the videos opened."""
         copy = replace(self, **changes)
@@ -192,11 +221,12 @@ class Capture:
         return copy
 
     def recorded_mask(
-        self, camera_index: int, mask: Bool[np.ndarray, "height width"]
+        self, camera_index: int, mask: Bool[np.ndarray, "lower narrower"]
     ) -> Bool[np.ndarray, "height width"]:
         """An undistorted mask as it lies in the recorded video, which is how mask files hold it."""
-        undistortion = self._undistortions[camera_index]
-        return mask if undistortion is None else undistortion.recorded_mask(mask)
+        for step in reversed(self._steps(camera_index)):
+            mask = step.recorded_mask(mask)
+        return mask
 
     def keypoints(self, camera_index: int, frame: int) -> Float64[np.ndarray, "25 3"] | None:
         """OpenPose BODY_25 points x, y, confidence, moved to the undistorted image; None without a file or a person.
@@ -211,11 +241,10 @@ class Capture:
         folder = self.keypoints_folder if folder is None else folder
         file = None if folder is None else keypoint_file(folder, self.camera_names[camera_index], own)
         people = read_people(file) if file is not None and file.is_file() else []
-        undistortion = self._undistortions[camera_index]
-        if undistortion is not None:
+        for step in self._steps(camera_index):
             for points in people:
                 found = points[:, 2] > 0
-                points[found, :2] = undistortion.points(points[found, :2])
+                points[found, :2] = step.points(points[found, :2])
         return people
 
     def keypoint_frames(self, camera_index: int) -> tuple[int, ...]:

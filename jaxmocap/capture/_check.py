@@ -20,6 +20,7 @@ from ._choose_frames import choose_frames
 from ._config import CaptureConfig, config_path, read_config
 from ._consistency import missing_files
 from ._findings import Finding
+from ._reduction import reduced_size
 from ._video import VideoIndex, index_video
 
 _Result = TypeVar("_Result")
@@ -85,6 +86,18 @@ def _cameras(capture: Capture, findings: list[Finding]) -> Cameras | None:
     return None
 
 
+def _made_smaller(capture: Capture, longest_side: int) -> list[Finding]:
+    """Which videos are worked on at a smaller size."""
+    findings = []
+    for name, size in zip(capture.camera_names, capture.recorded_sizes, strict=True):
+        smaller = reduced_size(size, longest_side)
+        if smaller != size:
+            found, becomes = (f"{width}x{height}" for width, height in (size, smaller))
+            told = f"pictures of {found} pixels are made {becomes}; longest_side in capture.toml sets another size"
+            findings.append(Finding("note", name, told))
+    return findings
+
+
 def _chosen_frames(capture: Capture, cameras: Cameras) -> Finding:
     chosen = choose_frames(capture, cameras)
     frames = ", ".join(str(capture.video_frames[0, frame]) for frame in chosen.frames)
@@ -134,6 +147,7 @@ def check(path: str | Path) -> list[Finding]:
     capture = _build_what_can_be(file, config, indices, findings)
     if capture is not None:
         findings += [finding for finding in capture.findings if finding not in findings]
+        findings += _made_smaller(capture, config.longest_side)
         cameras = _cameras(capture, findings)
         findings += check_keypoints(capture)
         findings += check_masks(capture)

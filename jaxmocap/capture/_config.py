@@ -38,6 +38,9 @@ def _camera_name(name: str) -> str:
 
 
 InsidePath = Annotated[str, AfterValidator(_inside)]
+LONGEST_SIDE = 960
+"""Pixels, of the pictures that are worked on; the paper's (Sec. 5)."""
+
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
@@ -65,6 +68,7 @@ class CaptureConfig(BaseModel):
     keypoints: InsidePath | None = None
     masks: InsidePath | None = None
     truth: InsidePath | None = None
+    longest_side: Annotated[int, Field(ge=64, multiple_of=2)] = LONGEST_SIDE
     camera: Annotated[list[CameraEntry], Field(min_length=1)]
 
 

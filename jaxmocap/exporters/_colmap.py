@@ -21,6 +21,9 @@ def write_colmap(motion: Motion, path: Path, form: ExportForm) -> None:
     poses = np.array(motion.cameras.cam_from_world, np.float64)
     poses[..., :3, 3] *= form.per_metre
     cameras = replace(motion.cameras, cam_from_world=jnp.asarray(poses))
+    recorded = motion.provenance.get("recorded_sizes")
+    if recorded:  # pixels of the videos, of which the pictures that were tracked may be smaller copies
+        cameras = cameras.resized(tuple((int(width), int(height)) for width, height in recorded))
     write_colmap_text(cameras, path, frames=np.tile(motion.frames, (cameras.num_cameras, 1)))
     images = path / "images.txt"
     rate = "varying" if form.frame_rate is None else f"{form.frame_rate:.9g}"
