@@ -146,3 +146,12 @@ def test_colmap_is_read_back_as_the_same_cameras(motion, tmp_path):
     np.testing.assert_allclose(again.intrinsics, motion.cameras.intrinsics, rtol=1e-6)
     with pytest.raises(InputError, match="comes without any"):
         export(replace(motion, cameras=None), tmp_path / "none.colmap")
+
+
+def test_colmap_cameras_are_of_the_videos_also_where_smaller_pictures_were_tracked(motion, tmp_path):
+    recorded = [[2 * width, 2 * height] for width, height in motion.cameras.sizes]
+    large = replace(motion, provenance={**motion.provenance, "recorded_sizes": recorded})
+    folder = export(large, tmp_path / "shot.colmap")
+    sizes = tuple((width, height) for width, height in recorded)
+    again = read_cameras(folder, motion.cameras.names, len(motion), sizes, np.tile(motion.frames, (2, 1)))
+    np.testing.assert_allclose(again.intrinsics[:, :2], 2 * motion.cameras.intrinsics[:, :2], rtol=1e-6)
