@@ -19,7 +19,7 @@ import numpy as np
 from ._atomic import keep_newest, write_json
 from ._inputs import code_hash, machine
 from ._records import UnreadableRecord, digest, read_records, write_records
-from ._runtime import versions
+from ._runtime import quick_loops, versions
 
 FOLDER = "JAXMOCAP_PROGRAMS"
 """The environment variable that names the folder; empty or absent: nothing is kept."""
@@ -43,16 +43,21 @@ _ahead: dict[Path, Future[_Program]] = {}
 _used: dict[str, None] = {}
 
 
-def kept_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
+def kept_jit(function: Callable[_P, _T], options: Callable[[], dict[str, Any]] = dict) -> Callable[_P, _T]:
     """`eqx.filter_jit` of a pure function of this package, whose lowered programs are kept on disk (CPU only).
 
     It takes positional arguments. A program is taken from disk where the package's source, the versions of what traces
     it, JAX's configuration, the devices, every static value and the shape and type of every array are the same. Where
     an argument holds a value that cannot be compared with one of another run (a function, a record of somebody else),
     where the function is itself being traced, or where anything is wrong with the folder, the function is traced as
-    ever. A kept program is what tracing gives, so the bits are the same.
+    ever. A kept program is what tracing gives, so the bits are the same. `options` gives XLA's options for a CPU.
     """
-    return cast(Any, functools.wraps(function)(_KeptJit(function)))
+    return cast(Any, functools.wraps(function)(_KeptJit(function, options)))
+
+
+def run_often(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """`kept_jit` for what runs for seconds in every frame: compiled for speed where that takes XLA longer."""
+    return kept_jit(function, quick_loops)
 
 
 @contextlib.contextmanager
@@ -86,10 +91,15 @@ def load_ahead(inputs: Mapping[str, Any]) -> None:
 
 
 class _KeptJit:
-    def __init__(self, function: Callable[..., Any]):
+    def __init__(self, function: Callable[..., Any], options: Callable[[], dict[str, Any]]):
         self.function = function
-        self.traced = eqx.filter_jit(function)
+        self.options = options
         self.programs: dict[Any, _Program | None] = {}
+
+    @functools.cached_property
+    def traced(self) -> Callable[..., Any]:
+        options = self.options() if jax.default_backend() == "cpu" else {}
+        return eqx.filter_jit(self.function, compiler_options=options) if options else eqx.filter_jit(self.function)
 
     def __call__(self, *args: Any) -> Any:
         folder = os.environ.get(FOLDER, "")
@@ -111,7 +121,9 @@ class _KeptJit:
     def _program(self, folder: Path, tree: Any, leaves: list[Any], arrays: list[Any]) -> _Program | None:
         """From disk, or traced and put there; None where it cannot be kept."""
         try:
-            path = folder / f"{self.function.__name__.strip('_')}-{_key(self.function, tree, leaves)}.npz"
+            path = (
+                folder / f"{self.function.__name__.strip('_')}-{_key(self.function, self.options(), tree, leaves)}.npz"
+            )
         except TypeError:
             return None
         _used[path.name] = None
@@ -153,7 +165,8 @@ class _KeptJit:
         exported = jax.export.export(jax.jit(flat))(*specs)
         answer = jax.tree.unflatten(answers[-1], list(range(len(exported.out_avals))))
         program = np.frombuffer(exported.serialize(), np.uint8)
-        return {"name": self.function.__name__, "program": program, "weak": weak, "answer": answer}
+        about = {"name": self.function.__name__, "options": self.options(), "weak": weak, "answer": answer}
+        return about | {"program": program}
 
 
 def _read(path: Path, compile_it: bool = False) -> _Program:
@@ -168,10 +181,11 @@ def _loaded(stored: dict[str, Any], compile_it: bool = False) -> _Program:
         return exported.call(*arrays)
 
     program.__name__ = stored["name"]
-    jitted = jax.jit(program)
+    options = {"compiler_options": stored["options"]} if stored["options"] else {}
     if exported.nr_devices > 1:
         mesh = jax.sharding.Mesh(np.array(jax.local_devices()), ("every",))
-        jitted = jax.jit(program, in_shardings=jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec()))
+        options["in_shardings"] = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
+    jitted = jax.jit(program, **options)
     if compile_it:
         specs = zip(exported.in_avals, stored["weak"], strict=True)
         jitted.lower(*(jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=weak) for a, weak in specs)).compile()
@@ -194,13 +208,14 @@ def _configuration() -> dict[str, str]:
     return {name: str(getattr(jax.config, name, value)) for name, value in jax.config.values.items()}
 
 
-def _key(function: Callable[..., Any], tree: Any, leaves: list[Any]) -> str:
+def _key(function: Callable[..., Any], options: dict[str, Any], tree: Any, leaves: list[Any]) -> str:
     """A hash of all that a program depends on. Raises `TypeError` for values that have no name in another run."""
     described = [{"array": _shape(leaf)} if eqx.is_array(leaf) else leaf for leaf in leaves]
     return digest(
         {
             "function": f"{function.__module__}:{function.__qualname__}",
             "arguments": jax.tree.unflatten(tree, described),
+            "options": options,
             "source": code_hash(),
             "versions": versions(_TRACED_BY),
             "machine": machine(),

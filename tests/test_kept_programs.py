@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxmocap import _kept_programs
-from jaxmocap._kept_programs import kept_jit, load_ahead, programs_noted
+from jaxmocap._kept_programs import kept_jit, load_ahead, programs_noted, run_often
 from jaxmocap.character import Pose
 
 TRACES: list[str] = []
@@ -52,6 +52,17 @@ def test_a_program_is_traced_once_and_gives_the_bits_of_tracing(folder):
     for found in (first, *again):
         same(found, plain)
     assert isinstance(first[0], Pose)
+
+
+def test_the_compiler_is_given_the_options(folder, monkeypatch):
+    """With an option it knows the answer is the same to rounding; one that it does not know reaches it."""
+    plain = kept_jit(moved)(*arguments())
+    for where in (str(folder), ""):  # kept, and traced
+        monkeypatch.setenv(_kept_programs.FOLDER, where)
+        found = run_often(moved)(*arguments())
+        np.testing.assert_allclose(found[0].angles, plain[0].angles, rtol=1e-5)
+        with pytest.raises(jax.errors.JaxRuntimeError, match="xla_no_such_option"):
+            kept_jit(moved, lambda: {"xla_no_such_option": True})(*arguments())
 
 
 def test_other_shapes_and_static_values_are_other_programs(folder):

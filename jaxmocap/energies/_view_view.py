@@ -97,6 +97,21 @@ class _Far(NamedTuple):
     needed: Int[Array, "pair"]
 
 
+class _Places(NamedTuple):
+    """What a pixel of view m needs of what is stored: its own colour, its `face` (-1: it is not covered), where in the
+    key buffers its partner is `drawn` (-1: outside the region) or `elsewhere` in the base, and the `corner` of the
+    colours about the partner with its fractions."""
+
+    own: Int[Array, "lane"]
+    face: Int[Array, "lane"]
+    inside: Bool[Array, "lane"]
+    drawn: Int[Array, "lane"]
+    elsewhere: Int[Array, "lane"]
+    corner: Int[Array, "lane"]
+    across: Float[Array, "lane"]
+    along: Float[Array, "lane"]
+
+
 class _Prepared(NamedTuple):
     pairs: Int[Array, "pair 2"]
     between: Carry
@@ -148,20 +163,23 @@ class ViewView(eqx.Module):
         inside = (z > 1e-6) & (x >= -0.5) & (y >= -0.5) & (x < width - 0.5) & (y < height - 0.5)
         return jnp.where(inside, x, 0.0), jnp.where(inside, y, 0.0), inside
 
-    def _colour_cost(
-        self, own: Array, packed: Array, first: int | Array, x: Array, y: Array, width: int, height: int
-    ) -> Array:
-        """min(|I_m - I_n|_2 / colour_scale, tau); the other view's colours start at `first` in `packed`."""
-        red, green, blue = _channels(own)
+    def _corner(self, first: int | Array, x: Array, y: Array, width: int, height: int) -> tuple[Array, Array, Array]:
+        """Where in the packed colours the pixel above and left of (x, y) lies, and the fractions across and along; the
+        view's colours start at `first`."""
         if self.sampling == "nearest":
             index = first + jnp.round(y).astype(jnp.int32) * width + jnp.round(x).astype(jnp.int32)
-            other = _channels(look_up(packed, index))
+            return index, jnp.zeros_like(x), jnp.zeros_like(y)
+        x, y = jnp.clip(x, 0.0, width - 1.001), jnp.clip(y, 0.0, height - 1.001)
+        left, top = jnp.floor(x), jnp.floor(y)
+        return first + top.astype(jnp.int32) * width + left.astype(jnp.int32), x - left, y - top
+
+    def _colour_cost(self, own: Array, packed: Array, corner: Array, fx: Array, fy: Array, width: int) -> Array:
+        """min(|I_m - I_n|_2 / colour_scale, tau) at a `_corner` of the other view's `packed` colours."""
+        red, green, blue = _channels(own)
+        if self.sampling == "nearest":
+            other = _channels(look_up(packed, corner))
         else:
-            x, y = jnp.clip(x, 0.0, width - 1.001), jnp.clip(y, 0.0, height - 1.001)
-            left, top = jnp.floor(x), jnp.floor(y)
-            fx, fy = x - left, y - top
-            index = first + top.astype(jnp.int32) * width + left.astype(jnp.int32)
-            corners = [_channels(look_up(packed, index + shift)) for shift in (0, 1, width, width + 1)]
+            corners = [_channels(look_up(packed, corner + shift)) for shift in (0, 1, width, width + 1)]
             other = [
                 (a * (1 - fx) + b * fx) * (1 - fy) + (c * (1 - fx) + d * fx) * fy
                 for a, b, c, d in zip(*corners, strict=True)
@@ -198,7 +216,8 @@ class ViewView(eqx.Module):
         here = ~region_mask(region, m, height, width)[:: self.step, :: self.step] & (ids >= 0)
         there = region_mask(region, n, height, width)[row, column] & inside & here
         own = packed[m].reshape(height, width)[:: self.step, :: self.step]
-        colour = self._colour_cost(own, packed.reshape(-1), n * (height * width), x, y, width, height)
+        at = self._corner(n * (height * width), x, y, width, height)
+        colour = self._colour_cost(own, packed.reshape(-1), *at, width)
         near = inside & _meets(problem, layout, jnp.maximum(ids, 0), crop(base[n])[row, column])
         fixed = self._pixel_cost(colour, near, inside, here & ~there)
         pick, _, needed = expand(there.reshape(-1).astype(jnp.int32), self.capacity)
@@ -243,8 +262,9 @@ class ViewView(eqx.Module):
 
         def mean(pair: tuple[Array, Carry, _Far | None]) -> Array:
             (m, n), between, far = pair
-            seen = partial(self._tile_cost, prepared, between, buffers, region, m, n, problem, layout)
-            cost, count = sum_over_tiles(covered_tiles(buffers[m], layout), seen, self.step)
+            place = partial(self._places, between, buffers, region, m, n, problem, layout)
+            seen = partial(self._tile_cost, prepared, buffers, problem, layout)
+            cost, count = sum_over_tiles(covered_tiles(buffers[m], layout), seen, self.step, place)
             if far is not None:
                 again = partial(self._far_cost, far, buffers, n, problem, layout)
                 more_cost, more_count = sum_in_turns(jnp.minimum(far.needed, self.capacity), self.capacity, again)
@@ -253,9 +273,8 @@ class ViewView(eqx.Module):
 
         return lax.map(mean, (prepared.pairs, prepared.between, prepared.far)).sum()
 
-    def _tile_cost(
+    def _places(
         self,
-        prepared: _Prepared,
         between: Carry,
         buffers: Array,
         region: Region,
@@ -265,26 +284,36 @@ class ViewView(eqx.Module):
         layout: KeyLayout,
         rows: Array,
         columns: Array,
-    ) -> Array:
-        """Cost of pixels of view m's region against view n; negative where a pixel does not count."""
+    ) -> _Places:
+        """Where pixels of view m's region appear in view n."""
         height, width = problem.size
         pixels = buffers.shape[1] * buffers.shape[2]
-        index = m * pixels + (rows + WINDOW) * buffers.shape[2] + columns + WINDOW
-        index = lax.optimization_barrier(index)
-        keys = look_up(buffers.reshape(-1), index)
+        own = m * pixels + (rows + WINDOW) * buffers.shape[2] + columns + WINDOW
+        keys = look_up(buffers.reshape(-1), own)
         covered = (keys > layout.empty) & (rows < region.size[0]) & (columns < region.size[1])
         rows, columns = rows + region.corners[m, 0], columns + region.corners[m, 1]
-        x, y, inside = lax.optimization_barrier(self._partner(between, keys, rows, columns, m, n, problem, layout))
+        x, y, inside = self._partner(between, keys, rows, columns, m, n, problem, layout)
         column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
-        drawn = look_up(buffers.reshape(-1), n * pixels + _region_index(row, column, region, n))
+        drawn = n * pixels + _region_index(row, column, region, n)
+        elsewhere = (n * height + row) * width + column
         if region.size != problem.size:
-            elsewhere = look_up(prepared.base.reshape(-1), (n * height + row) * width + column)
-            drawn = jnp.where(_in_region(row, column, region, n), drawn, elsewhere)
-        first = jnp.where(covered, keys & layout.id_mask, 0)
-        near = inside & _meets(problem, layout, first, drawn)
-        own = look_up(prepared.own.reshape(-1), index)
-        colour = self._colour_cost(own, prepared.packed.reshape(-1), n * (height * width), x, y, width, height)
-        return self._pixel_cost(colour, near, inside, covered)
+            drawn = jnp.where(_in_region(row, column, region, n), drawn, -1)
+        corner, across, along = self._corner(n * (height * width), x, y, width, height)
+        face = jnp.where(covered, keys & layout.id_mask, -1)
+        return _Places(own, face, inside, drawn, elsewhere, corner, across, along)
+
+    def _tile_cost(
+        self, prepared: _Prepared, buffers: Array, problem: FrameProblem, layout: KeyLayout, *places: Array
+    ) -> Array:
+        """Cost of pixels at their places; negative where a pixel does not count."""
+        at = _Places(*places)
+        keys = look_up(buffers.reshape(-1), jnp.maximum(at.drawn, 0))
+        if prepared.far is not None:
+            keys = jnp.where(at.drawn >= 0, keys, look_up(prepared.base.reshape(-1), at.elsewhere))
+        near = at.inside & _meets(problem, layout, jnp.maximum(at.face, 0), keys)
+        own, (_, width) = look_up(prepared.own.reshape(-1), at.own), problem.size
+        colour = self._colour_cost(own, prepared.packed.reshape(-1), at.corner, at.across, at.along, width)
+        return self._pixel_cost(colour, near, at.inside, at.face >= 0)
 
     def _far_cost(
         self, far: _Far, buffers: Array, n: Array, problem: FrameProblem, layout: KeyLayout, slots: Array

@@ -4,9 +4,10 @@ A person fills a small part of its rectangle. A mean over covered pixels whose e
 over the covered tiles, some hundred at a time, in a loop that is as long as the particle needs.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -44,18 +45,23 @@ def covered_tiles(buffer: Int[Array, "padded_height padded_width"], layout: KeyL
 
 
 def sum_in_turns(
-    count: Int[Array, ""], capacity: int, cost: Callable[[Int[Array, "n"]], Float[Array, "n"]]
+    count: Int[Array, ""],
+    capacity: int,
+    cost: Callable[..., Float[Array, "n"]],
+    place: Callable[[Int[Array, "n"]], Sequence[Any]] = lambda slots: (slots,),
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Sum and number of the costs that are not negative in the first `count` of `capacity` slots.
 
-    `cost(slots)` is called for some thousand slots at a time, in a loop that is as long as `count` needs.
+    `cost(*place(slots))` is called for some thousand slots at a time, in a loop that is as long as `count` needs. What
+    `place` finds is kept before `cost` reads it: XLA would else work out anew for each of several values that are
+    looked up where they lie, which takes longer than the look-ups.
     """
     at_once = min(_PIXELS_AT_ONCE, capacity)
 
     def body(turn: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
-        slots = lax.optimization_barrier(turn * at_once + jnp.arange(at_once))
-        found = jnp.where(slots < count, cost(jnp.minimum(slots, capacity - 1)), -1.0)
-        found = lax.optimization_barrier(found)
+        slots = turn * at_once + jnp.arange(at_once)
+        placed = _kept(count, lambda: tuple(place(jnp.minimum(slots, capacity - 1))))
+        found = lax.optimization_barrier(jnp.where(slots < count, cost(*placed), -1.0))
         counted = found >= 0
         return sums[0] + jnp.where(counted, found, 0.0), sums[1] + counted.astype(jnp.float32)
 
@@ -64,21 +70,30 @@ def sum_in_turns(
     return total.sum(), counted.sum()
 
 
+def _kept(count: Int[Array, ""], compute: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
+    """`compute()` in a loop that is done once where there is anything to count: no compiler fuses across its end."""
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(compute))
+    return lax.fori_loop(0, jnp.minimum(count, 1), lambda *_: compute(), nothing)
+
+
 def sum_over_tiles(
-    tiles: Tiles, cost: Callable[[Int[Array, "n"], Int[Array, "n"]], Float[Array, "n"]], step: int = 1
+    tiles: Tiles,
+    cost: Callable[..., Float[Array, "n"]],
+    step: int = 1,
+    place: Callable[[Int[Array, "n"], Int[Array, "n"]], Sequence[Any]] = lambda rows, columns: (rows, columns),
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Sum and number of the costs that are not negative over every `step`-th row and column of the covered tiles.
 
-    `cost(rows, columns)` leaves a pixel out by a negative cost. A tile holds pixels that are not covered, and reaches
-    up to seven pixels beyond the picture.
+    `cost(*place(rows, columns))` leaves a pixel out by a negative cost; `place` as for `sum_in_turns`. A tile holds
+    pixels that are not covered, and reaches up to seven pixels beyond the picture.
     """
     side = WINDOW // step
     lanes = side * side
 
-    def in_tiles(slots: Array) -> Array:
+    def in_tiles(slots: Array) -> Sequence[Any]:
         tile, lane = slots // lanes, slots % lanes
         rows = look_up(tiles.rows, tile) + lane // side * step
         columns = look_up(tiles.columns, tile) + lane % side * step
-        return cost(*lax.optimization_barrier((rows, columns)))
+        return place(rows, columns)
 
-    return sum_in_turns(tiles.count * lanes, tiles.rows.size * lanes, in_tiles)
+    return sum_in_turns(tiles.count * lanes, tiles.rows.size * lanes, cost, in_tiles)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxmocap._kept_programs import kept_jit
+from jaxmocap._kept_programs import kept_jit, run_often
 from jaxmocap.character import Character, Pose, difference
 from jaxmocap.energies import Region, SearchEnergy, body_part, covered_cost, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem
@@ -16,7 +16,7 @@ from jaxmocap.render import to_screen
 from ._register import draw
 
 
-@kept_jit
+@run_often
 def _score(energy, character, part, pose, problem, increments, capacity):
     height, width = problem.size
     region = Region(jnp.zeros((problem.num_cameras, 2), jnp.int32), (height, width))

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from jaxmocap._kept_programs import kept_jit
+from jaxmocap._kept_programs import kept_jit, run_often
 from jaxmocap.character import Character, Pose, retract, simplify
 from jaxmocap.energies import (
     Base,
@@ -165,7 +165,7 @@ def wide_population(
     return jnp.clip(values, lower, upper)
 
 
-@kept_jit
+@run_often
 def _search(
     wide,
     stages,
