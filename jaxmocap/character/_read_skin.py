@@ -92,18 +92,24 @@ def _merge(document: Document, skin_index: int, meshes: list[int]) -> tuple[np.n
     return vertices, faces, weights
 
 
+def _doubles(values: np.ndarray) -> np.ndarray:
+    """In double precision; damaged ones become what they become without a warning, for they are refused later."""
+    with np.errstate(invalid="ignore"):
+        return values.astype(np.float64)
+
+
 def _primitive(document: Document, primitive: Any, num_joints: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     attributes = vars(primitive.attributes)
     if any(attributes.get(name) is None for name in ("POSITION", "JOINTS_0", "WEIGHTS_0")):
         document.fail("has a skinned mesh without positions, joint indices or weights; export it again with its skin")
-    vertices = document.array(attributes["POSITION"]).astype(np.float64)
+    vertices = _doubles(document.array(attributes["POSITION"]))
     weights = np.zeros((len(vertices), num_joints))
     rows = np.arange(len(vertices))
     for number in range(8):
         if attributes.get(f"JOINTS_{number}") is None:
             break
         joints = document.array(attributes[f"JOINTS_{number}"]).astype(np.int64)
-        influences = document.array(attributes.get(f"WEIGHTS_{number}")).astype(np.float64)
+        influences = _doubles(document.array(attributes.get(f"WEIGHTS_{number}")))
         if not len(joints) == len(influences) == len(vertices):
             document.fail("has joint indices, weights and positions of different lengths; export it again")
         used = np.where(influences != 0, joints, 0)
