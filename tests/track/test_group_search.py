@@ -117,6 +117,7 @@ def test_the_same_key_gives_the_same_bits_and_another_key_others(find):
     assert np.any(np.asarray(first.increment) != np.asarray(other.increment))
 
 
+@pytest.mark.slow
 def test_capacities_that_are_too_small_grow_and_do_not_change_the_answer(find, searches):
     _, _, enough = find("l_leg")
     sizes, level = searches["l_leg"].sizes, (1, 1.0)
@@ -128,6 +129,7 @@ def test_capacities_that_are_too_small_grow_and_do_not_change_the_answer(find, s
     np.testing.assert_allclose(again.increment, enough.increment, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_simplified_mesh_at_a_coarse_step_finds_the_limb(world):
     """The coarse stage alone, so that nothing else can have found it."""
     surface = world.problem(FRAME).surface

@@ -56,6 +56,7 @@ def looked_back(world, poses, hindsight=Hindsight()):
     return tracker, found, tracker.look_back()
 
 
+@pytest.mark.slow
 def test_a_lost_arm_is_found_from_the_frame_after(world):
     poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
     tracker, found, revised = looked_back(world, poses)
