@@ -77,7 +77,7 @@ def looped(source: Path, folder: Path, count: int, length: int = 30) -> Path:
     order = np.resize(there_and_back, count)
     frames = [order] * capture.num_cameras
     _write(capture, folder, frames=frames, posed=frames)
-    with np.load(folder / "truth.npz") as truth:
+    with np.load(folder / "truth.npz", allow_pickle=False) as truth:
         long = {name: a[order] if a.shape[:1] == (capture.num_frames,) else a for name, a in truth.items()}
     np.savez(folder / "truth.npz", **long)
     return folder
