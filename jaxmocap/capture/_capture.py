@@ -72,6 +72,8 @@ class Capture:
         Raises `InputError` naming the file, camera or frame for anything that makes the capture unusable; `check`
         lists everything at once.
         """
+        if longest_side is not None and (longest_side < 64 or longest_side % 2):
+            raise InputError(f"longest_side is {longest_side}; an even number of at least 64 pixels was expected.")
         file = config_path(path)
         config, findings = read_config(file)
         if config is None:

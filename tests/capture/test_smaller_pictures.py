@@ -99,6 +99,12 @@ def test_a_size_that_cannot_be_is_refused_with_a_sentence(large: Path, value: st
         Capture.open(large)
 
 
+@pytest.mark.parametrize("value", [0, -960, 63, 961])
+def test_so_it_is_in_python(large: Path, value: int):
+    with pytest.raises(InputError, match=f"longest_side is {value}; an even number of at least 64"):
+        Capture.open(large, longest_side=value)
+
+
 def test_cameras_of_another_size_see_as_much(large: Path):
     cameras = read_cameras(large / "cameras", ("cam0", "cam1"), 12, (LARGE, LARGE))
     smaller = cameras.resized(((64, 48), (32, 96)))
