@@ -14,6 +14,7 @@ from ._frame_result import FrameResult as FrameResult
 from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, triangulated as triangulated
 from ._least_squares import Prior as Prior, Rows as Rows, descend as descend, free_prior as free_prior
 from ._lost import LostSpan as LostSpan, lost_spans as lost_spans
+from ._odd_camera import OddCamera as OddCamera, odd_cameras as odd_cameras
 from ._past import Past as Past
 from ._polish import PolishPlan as PolishPlan, polish as polish
 from ._register import (

@@ -28,9 +28,11 @@ class VerdictSettings:
 
     A frame is doubtful, too, when what two cameras show of the body's surface lies, in the median over the surface,
     more than `view_gap` metres apart, or is the same in less than `matched` of it, in half of the pairs of cameras or
-    more; and when the background that the body covers and the person that it does not are more than `outline` of the
-    body, mean over the views, as an arm and a half; both in the median of `steady` frames. When half of the selected
-    frames are doubtful all are, for everything rests on them. Doubtful frames have at most `confidence`."""
+    more; when the background that the body covers and the person that it does not are more than `outline` of the
+    body, mean over the views, as an arm and a half; and when the standard deviation of a joint's place, mean over the
+    body, is more than `deviation` metres, as where one camera does not tell how far away it is; all in the median of
+    `steady` frames. When half of the selected frames are doubtful all are, for everything rests on them. Doubtful
+    frames have at most `confidence`, but for those of which only the deviation is large: their pixels are explained."""
 
     doubtful: float = 0.42
     lost: float = 0.55
@@ -44,6 +46,7 @@ class VerdictSettings:
     view_gap: float = 0.01
     matched: float = 0.25
     outline: float = 0.07
+    deviation: float = 0.06
     steady: int = 5
     confidence: float = 0.25
 

@@ -342,6 +342,6 @@ class FrameTracker:
             seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over),
             frame_signals(
                 *(self.character, pose, shown, problem, rectangle, seen, self.face_bodies, self.outer_bodies),
-                self.tracker.flow,
+                *(self.tracker.flow, speed),
             ),
         )

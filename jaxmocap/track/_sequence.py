@@ -23,9 +23,10 @@ from ._confidence import VerdictSettings
 from ._frame import FrameTracker
 from ._frame_result import FrameResult
 from ._lost import lost_spans, without_trust
+from ._odd_camera import odd_cameras
 from ._register import Registration
 from ._tracker import Tracker
-from ._uncertainty import joint_covariances
+from ._uncertainty import joint_covariances, mean_deviations
 from ._verdict import doubts, with_doubts
 
 
@@ -140,13 +141,17 @@ def motion_of(
     verdict: VerdictSettings | None = None,
 ) -> Motion:
     """The record of tracked frames, judged. `provenance["doubts"]` lists the frames that are not to be trusted and why,
-    `provenance["lost"]` the spans in which a part is lost, whose landmarks have no confidence; both in frames of the
-    first video like the motion's own."""
+    `provenance["lost"]` the spans in which a part is lost, whose landmarks have no confidence, and
+    `provenance["odd_cameras"]` those in which a camera shows the body elsewhere than the others, by which alone these
+    frames are judged; all in frames of the first video like the motion's own."""
     capture, character = observations.capture, observations.character
     settings = verdict or VerdictSettings()
-    spans, found = (
+    spans, found, odd = (
         lost_spans(results, character, capture.fps, settings),
-        doubts(results, settings, key_poses_of(observations.key_poses)),
+        doubts(
+            *(results, settings, key_poses_of(observations.key_poses)), mean_deviations(character.skeleton, results)
+        ),
+        odd_cameras(results, settings, capture.camera_names),
     )
     results = without_trust(with_doubts(results, found, settings), spans, character)
     numbers, positions = capture.video_frames[0], np.array([result.frame for result in results])
@@ -166,7 +171,7 @@ def motion_of(
             "seconds_per_frame": float(np.mean(seconds)),
             **{
                 name: [asdict(replace(s, first=int(numbers[s.first]), last=int(numbers[s.last]))) for s in listed]
-                for name, listed in (("lost", spans), ("doubts", found))
+                for name, listed in (("lost", spans), ("doubts", found), ("odd_cameras", odd))
             },
             **(provenance or {}),
         },

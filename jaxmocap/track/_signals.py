@@ -30,7 +30,7 @@ class FrameSignals:
     the two show from each other. NaN where they share too little, or stand more than `WIDEST` degrees apart.
 
     `limb_gaps` is the same for each limb's outer half over all pairs, and `at_limit` the share of the joint angles that
-    are at a limit.
+    are at a limit; `speed` is the root's, in metres per second.
     """
 
     costs: Float[np.ndarray, "camera"]
@@ -40,6 +40,7 @@ class FrameSignals:
     view_gaps: Float[np.ndarray, "pair"]
     limb_gaps: Float[np.ndarray, "limb"]
     at_limit: float
+    speed: float
 
     def as_json(self) -> dict[str, list[float | None] | float]:
         """Numbers that JSON knows."""
@@ -62,6 +63,7 @@ def frame_signals(
     face_bodies: Int[np.ndarray, "face"],
     outer_bodies: list[Bool[np.ndarray, "body"]],
     settings: FlowSettings,
+    speed: float = 0.0,
 ) -> FrameSignals:
     """The signals of a pose that `seen` has drawn."""
     covered, background = seen.ids >= 0, np.asarray(problem.background)
@@ -77,6 +79,7 @@ def frame_signals(
         gaps,
         limbs,
         _share_at_limit(character.skeleton, pose),
+        speed,
     )
 
 

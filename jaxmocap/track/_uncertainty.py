@@ -52,6 +52,15 @@ def joint_covariances(
     return factor[..., None, None] ** 2 * found + settings.floor**2 * np.eye(3, dtype=np.float32)
 
 
+def mean_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float[np.ndarray, "frame"] | None:
+    """Standard deviation of a joint's place, mean over the landmarks, metres; None where nothing was refined, which
+    would have told it."""
+    if all(result.hessian is None for result in results):
+        return None
+    variances = np.trace(joint_covariances(skeleton, results), axis1=-2, axis2=-1)
+    return np.sqrt(variances).mean(axis=1, dtype=float)
+
+
 def _hessians(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame dof dof"]:
     """J^T J of every frame; that of a neighbour where a frame was looked at but not refined."""
     nothing = np.zeros((39, 39), np.float32)

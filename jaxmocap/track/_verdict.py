@@ -5,11 +5,12 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ._confidence import VerdictSettings
 from ._frame_result import FrameResult
 from ._lost import runs
+from ._odd_camera import contradicted, pair_places, steadied
 
 APART = (
     "the views do not show the same body there: the calibration, the offsets or the actor are wrong, a camera stood "
@@ -19,6 +20,10 @@ OUTLINE = "the body covers what looks like the background, or leaves uncovered w
 UNEXPLAINED = (
     "the covered pixels do not look like the person, part of the person stays uncovered, or the body moves "
     "implausibly fast"
+)
+UNTOLD = (
+    "the pictures tell too little of where the joints are, as where a single camera shows them: it does not see how "
+    "far away they are"
 )
 REGISTERED = (
     "the pose at a selected frame is not to be trusted, and everything rests on it: look at the cameras, the offsets, "
@@ -35,16 +40,25 @@ class Doubt:
     why: str
 
 
-def doubts(results: Sequence[FrameResult], settings: VerdictSettings, registered: Collection[int] = ()) -> list[Doubt]:
+def doubts(
+    results: Sequence[FrameResult],
+    settings: VerdictSettings,
+    registered: Collection[int] = (),
+    deviations: Float[np.ndarray, "frame"] | None = None,
+) -> list[Doubt]:
     """The spans of frames that are not to be trusted, in order; one frame may be in several. Frames that were passed
     over show nothing themselves and are left out. Where half of the `registered` frames among them are doubtful, all
-    are."""
+    are. Cameras that the others contradict have no say. `deviations` are the standard deviations of a joint, mean over
+    the body, in metres, where they are known."""
     looked_at = np.array([bool(result.energy) for result in results])
+    heard = ~contradicted(results, settings)
     marked = {
-        APART: _median(_apart(results, settings), settings.steady) > 0.5,
-        OUTLINE: _median(_outline(results), settings.steady) > settings.outline,
-        UNEXPLAINED: looked_at & np.array([result.status == "doubtful" for result in results]),
+        APART: steadied(_apart(results, heard, settings), settings.steady) > 0.5,
+        OUTLINE: steadied(_outline(results, heard), settings.steady) > settings.outline,
+        UNEXPLAINED: looked_at & _unexplained(results, heard, settings),
     }
+    if deviations is not None:
+        marked[UNTOLD] = looked_at & (steadied(deviations, settings.steady) > settings.deviation)
     lost = np.array([result.status == "lost" for result in results])
     some = np.any(np.stack([lost, *marked.values()]), axis=0)
     known = looked_at & np.isin([result.frame for result in results], list(registered))
@@ -60,37 +74,54 @@ def doubts(results: Sequence[FrameResult], settings: VerdictSettings, registered
 
 def with_doubts(results: Sequence[FrameResult], found: Sequence[Doubt], settings: VerdictSettings) -> list[FrameResult]:
     """The results with frames that are not to be trusted "doubtful", if not "lost", and their confidence at most
-    `settings.confidence`."""
+    `settings.confidence` where their pixels are the reason; and with those "ok" that only a contradicted camera speaks
+    against."""
     judged = []
     for result in results:
-        if any(doubt.first <= result.frame <= doubt.last for doubt in found) and result.energy:
-            confidence = np.minimum(result.confidence, settings.confidence)
+        reasons = {doubt.why for doubt in found if doubt.first <= result.frame <= doubt.last}
+        if reasons and result.energy:
+            most = 1.0 if reasons == {UNTOLD} else settings.confidence
+            confidence = np.minimum(result.confidence, most)
             status = "doubtful" if result.status == "ok" else result.status
             result = replace(result, status=status, confidence=confidence)
+        elif result.status == "doubtful" and result.energy:
+            result = replace(result, status="ok")
         judged.append(result)
     return judged
 
 
-def _apart(results: Sequence[FrameResult], settings: VerdictSettings) -> Float[np.ndarray, "frame"]:
+def _apart(
+    results: Sequence[FrameResult], heard: Bool[np.ndarray, "frame camera"], settings: VerdictSettings
+) -> Float[np.ndarray, "frame"]:
     """1 where half of the pairs of views, or more, are apart or show too little that is the same."""
     marked = np.zeros(len(results))
     for index, result in enumerate(results):
-        if result.signals is not None and np.isfinite(result.signals.matched).any():
-            known = np.isfinite(result.signals.matched)
+        if result.signals is not None:
+            known = np.isfinite(result.signals.matched) & heard[index, pair_places(heard.shape[1])].all(1)
             gaps, matched = result.signals.view_gaps[known], result.signals.matched[known]
-            marked[index] = (~(gaps <= settings.view_gap) | (matched < settings.matched)).mean() >= 0.5
+            marked[index] = known.any() and (~(gaps <= settings.view_gap) | (matched < settings.matched)).mean() >= 0.5
     return marked
 
 
-def _outline(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame"]:
+def _outline(results: Sequence[FrameResult], heard: Bool[np.ndarray, "frame camera"]) -> Float[np.ndarray, "frame"]:
     """How much of the body is beside the person and how much of the person beside the body, mean over the views; 0 in
     frames that were not looked at."""
     signals = [result.signals for result in results]
-    return np.array([0.0 if s is None else float((s.bare + s.uncovered).mean()) for s in signals])
+    return np.array(
+        [0.0 if s is None else float((s.bare + s.uncovered)[of].mean()) for s, of in zip(signals, heard, strict=True)]
+    )
 
 
-def _median(values: Float[np.ndarray, "frame"], window: int) -> Float[np.ndarray, "frame"]:
-    """Of the frames around each: what one frame of many shows is chance."""
-    reach = window // 2
-    padded = np.pad(values, reach, mode="edge")
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
+def _unexplained(
+    results: Sequence[FrameResult], heard: Bool[np.ndarray, "frame camera"], settings: VerdictSettings
+) -> Bool[np.ndarray, "frame"]:
+    """Where `judge` calls the frame doubtful and, if not all cameras are heard, those that are do too."""
+    doubtful = np.array([result.status == "doubtful" for result in results], bool)
+    for index in np.flatnonzero(doubtful & ~heard.all(1)):
+        signals = results[index].signals
+        assert signals is not None  # of a camera that is not heard
+        costs, uncovered = signals.costs[heard[index]].mean(), signals.uncovered[heard[index]].max()
+        doubtful[index] = (
+            costs > settings.doubtful or uncovered > settings.uncovered or signals.speed > settings.top_speed
+        )
+    return doubtful

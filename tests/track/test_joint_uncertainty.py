@@ -10,6 +10,7 @@ import pytest
 from jaxmocap.character import Pose, landmark_positions, retract
 from jaxmocap.synthetic import make_actor
 from jaxmocap.track import FrameResult, UncertaintySettings, joint_covariances
+from jaxmocap.track._uncertainty import mean_deviations
 
 PLAIN = UncertaintySettings(
     correlated=1.0, free_root=1e3, free_angle=1e3, particles=0.0, scale=1.0, doubt=0.0, floor=0.0
@@ -100,6 +101,16 @@ def test_a_start_takes_its_neighbour_s_and_a_frame_passed_over_none(skeleton):
     first, second, third = joint_covariances(skeleton, frames, PLAIN._replace(free_root=0.3, free_angle=0.3))
     np.testing.assert_array_equal(first, second)
     assert (np.trace(third, axis1=1, axis2=2) > 0.2).all()
+
+
+def test_the_mean_deviation_is_that_of_one_joint_after_the_other(skeleton):
+    pose = pose_of(skeleton)
+    results = [result(skeleton, pose, scale * np.eye(39)) for scale in (1e4, 1e2)]
+    each = np.sqrt(np.trace(joint_covariances(skeleton, results), axis1=-2, axis2=-1))
+    found = mean_deviations(skeleton, results)
+    np.testing.assert_allclose(found, each.mean(1), rtol=1e-5)
+    assert found[0] < 0.5 * found[1]
+    assert mean_deviations(skeleton, [result(skeleton, pose)]) is None
 
 
 def test_a_hessian_that_is_not_finite_tells_nothing_and_spoils_nothing(skeleton):

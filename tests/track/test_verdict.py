@@ -1,6 +1,7 @@
 """What tells a right answer from a wrong one, and which frames are not trusted in the end."""
 
 from dataclasses import replace
+from itertools import permutations
 
 import jax
 import numpy as np
@@ -8,14 +9,14 @@ import pytest
 from perturbed import arm_away, moved
 
 from jaxmocap._cli._track import NOT_TRUSTED, report_trust
-from jaxmocap.track import FrameSignals, FrameTracker, Tracker, VerdictSettings, doubts
+from jaxmocap.track import FrameSignals, FrameTracker, Tracker, VerdictSettings, doubts, odd_cameras
 from jaxmocap.track._confidence import dominant_bodies
 from jaxmocap.track._economy import outer_halves
 from jaxmocap.track._score import look_at
 from jaxmocap.track._sequence import motion_of
 from jaxmocap.track._signals import frame_signals, view_angles
 from jaxmocap.track._surface_flow import FlowSettings
-from jaxmocap.track._verdict import APART, OUTLINE, REGISTERED, UNEXPLAINED
+from jaxmocap.track._verdict import APART, OUTLINE, REGISTERED, UNEXPLAINED, UNTOLD, with_doubts
 
 FRAME = 1
 SETTINGS = VerdictSettings(steady=3)
@@ -119,12 +120,57 @@ def test_one_frame_of_many_is_chance(true_result):
     assert told(frames(true_result, 20, view_gaps=dict.fromkeys((4, 6), far))) == [(5, 5, APART)]
 
 
-def test_one_camera_of_three_may_be_wrong_in_a_third_of_the_pairs(true_result):
-    right, gap = true_result.signals, 1.1 * SETTINGS.view_gap
-    third = replace(right, matched=np.ones(6), view_gaps=np.array([gap, gap, 0, 0, 0, 0]))
-    half = replace(third, view_gaps=np.array([gap, gap, gap, 0, 0, 0]))
-    assert told([replace(true_result, frame=frame, signals=third) for frame in range(5)]) == []
-    assert told([replace(true_result, frame=frame, signals=half) for frame in range(5)]) == [(0, 4, APART)]
+def views(result, apart, cameras=3, status="ok", unknown=(), **changed):
+    """Frames that several cameras show: those in `apart` show the body elsewhere than all others, which agree unless
+    they are of different `apart`; what is `unknown` is seen with no other. Signals per camera are given by name."""
+    side = {camera: number for number, group in enumerate(apart, 1) for camera in group}
+    pairs = list(permutations(range(cameras), 2))
+    gaps = [0.0 if side.get(m, 0) == side.get(n, 0) else 2 * SETTINGS.view_gap for m, n in pairs]
+    matched = [np.nan if m in unknown or n in unknown else 1.0 for m, n in pairs]
+    each = {name: np.array(changed.get(name, [0.0] * cameras)) for name in ("costs", "bare", "uncovered")}
+    signals = replace(
+        result.signals, **each, view_gaps=np.array(gaps), matched=np.array(matched), speed=changed.get("speed", 0.0)
+    )
+    return [replace(result, frame=frame, signals=signals, status=status) for frame in range(5)]
+
+
+def odd(results):
+    return [(one.camera, one.first, one.last) for one in odd_cameras(results, SETTINGS, "abcd")]
+
+
+@pytest.mark.parametrize("camera", [0, 1, 2])
+def test_a_camera_that_two_others_contradict_has_no_say(true_result, camera):
+    costs, uncovered = np.eye(3)[camera], 0.9 * np.eye(3)[camera]
+    results = views(true_result, [[camera]], status="doubtful", costs=costs, uncovered=uncovered, bare=uncovered)
+    assert told(results) == []
+    assert odd(results) == [("abc"[camera], 0, 4)]
+    assert [one.status for one in with_doubts(results, doubts(results, SETTINGS), SETTINGS)] == ["ok"] * 5
+
+
+def test_what_the_other_cameras_say_still_counts(true_result):
+    cases = ({"uncovered": [0, 0, 0.9]}, {"bare": [0, 0, 0.9]}, {"costs": [0, 0, 0.9]}, {"speed": 99.0})
+    for changed, reasons in zip(cases, ({OUTLINE, UNEXPLAINED}, {OUTLINE}, {UNEXPLAINED}, {UNEXPLAINED}), strict=True):
+        results = views(true_result, [[1]], status="ok" if "bare" in changed else "doubtful", **changed)
+        assert {why for _, _, why in told(results)} == reasons, changed
+
+
+def test_no_camera_is_odd_where_none_agree_or_as_many_do_on_either_side(true_result):
+    for apart, cameras in (([[0], [1]], 3), ([[1]], 2), ([[0, 1]], 4)):
+        results = views(true_result, apart, cameras)
+        assert odd(results) == []
+        assert told(results) == [(0, 4, APART)]
+
+
+def test_a_camera_too_far_from_all_others_is_heard(true_result):
+    results = views(true_result, [], uncovered=[0, 0, 0.9], status="doubtful", unknown=[2])
+    assert odd(results) == []
+    assert {why for _, _, why in told(results)} == {OUTLINE, UNEXPLAINED}
+
+
+def test_a_camera_that_is_odd_for_a_frame_is_chance(true_result):
+    right, wrong = views(true_result, []), views(true_result, [[1]])
+    assert odd([*right[:2], wrong[2], *right[3:]]) == []
+    assert odd([*wrong[:2], right[2], *wrong[3:]]) == [("b", 0, 4)]
 
 
 def test_background_covered_and_person_uncovered_count_alike_and_as_the_mean_over_views(true_result):
@@ -133,6 +179,18 @@ def test_background_covered_and_person_uncovered_count_alike_and_as_the_mean_ove
         scale = factor * SETTINGS.outline / 0.9
         some = replace(signals, bare=scale * signals.bare, uncovered=scale * signals.uncovered)
         assert told([replace(true_result, frame=frame, signals=some) for frame in range(3)]) == expected
+
+
+def test_where_little_is_known_of_the_joints_the_frame_is_doubtful_but_its_pixels_are_not(true_result):
+    results = frames(true_result, 6, bare={4: 1.0, 5: 1.0})
+    known, unknown = 0.9 * SETTINGS.deviation, 1.1 * SETTINGS.deviation
+    assert doubts(results, SETTINGS, deviations=np.full(6, known)) == doubts(results, SETTINGS)
+    found = doubts(results, SETTINGS, deviations=np.array([known, known, unknown, unknown, unknown, unknown]))
+    assert [(doubt.first, doubt.last, doubt.why) for doubt in found] == [(2, 5, UNTOLD), (4, 5, OUTLINE)]
+    judged = with_doubts(results, found, SETTINGS)
+    assert [one.status for one in judged] == ["ok", "ok", *["doubtful"] * 4]
+    np.testing.assert_array_equal(judged[3].confidence, results[3].confidence)
+    assert judged[4].confidence.max() <= SETTINGS.confidence
 
 
 def test_where_the_selected_frames_are_wrong_all_are(true_result):
@@ -160,6 +218,10 @@ def test_the_motion_carries_the_verdict(world, true_result, capsys):
     assert motion.provenance["doubts"] == [{"first": 1, "last": 2, "why": OUTLINE}]
     assert report_trust(motion) == NOT_TRUSTED
     assert f"frames 1-2: {OUTLINE}" in " ".join(capsys.readouterr().err.split())
+    assert motion.provenance["odd_cameras"] == []
+    odd = {"camera": "cam1", "first": 0, "last": 2, "why": "it stood still"}
+    report_trust(replace(motion, provenance=motion.provenance | {"odd_cameras": [odd]}))
+    assert "cam1 is not heard in frames 0-2: it stood still." in " ".join(capsys.readouterr().err.split())
     good = motion_of(world.observations(), frames(true_result, 3))
     assert good.trusted.all()
     assert report_trust(good) == 0

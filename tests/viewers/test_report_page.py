@@ -136,6 +136,14 @@ def test_doubtful_frames_are_told_with_their_reasons():
     ]
 
 
+def test_a_camera_that_the_others_contradict_is_named():
+    odd = [{"camera": "left", "first": f, "last": f + 1, "why": "it stood still"} for f in (1, 7)]
+    told = [one for one in findings(judged(provenance={"odd_cameras": odd})) if "left" in one["text"]]
+    assert [(one["kind"], one["text"], one["frames"]) for one in told] == [
+        ("doubtful", "Camera left is not heard in frames 1-2, 7-8: it stood still.", [1, 7])
+    ]
+
+
 def test_where_nothing_can_be_trusted_the_verdict_says_so():
     assert headline(judged()[[4, 5, 6, 9]]) == "No frame can be trusted."
     assert headline(judged()[1:3]) == "No frame can be trusted. In 2 a limb is lost."

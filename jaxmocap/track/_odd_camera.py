@@ -1,0 +1,75 @@
+"""Which cameras the others contradict: of three or more, one that stood still, started at another time or was pushed
+shows the body elsewhere than those that agree."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ._confidence import VerdictSettings
+from ._frame_result import FrameResult
+from ._lost import runs
+from ._signals import FrameSignals
+
+ALONE = (
+    "it shows the body elsewhere than the others, which agree and by which the result is judged; it stood still, "
+    "started at another time, was pushed or is wrongly calibrated"
+)
+
+
+@dataclass(frozen=True)
+class OddCamera:
+    """In frames `first` to `last` this camera agrees with no other, while others agree with one another."""
+
+    camera: str
+    first: int
+    last: int
+    why: str = ALONE
+
+
+def odd_cameras(results: Sequence[FrameResult], settings: VerdictSettings, names: Sequence[str]) -> list[OddCamera]:
+    """The spans of frames in which a camera is contradicted, in order."""
+    found = [
+        OddCamera(name, results[first].frame, results[stop - 1].frame)
+        for name, marked in zip(names, contradicted(results, settings).T, strict=False)
+        for first, stop in runs(marked)
+    ]
+    return sorted(found, key=lambda span: (span.first, span.camera))
+
+
+def contradicted(results: Sequence[FrameResult], settings: VerdictSettings) -> Bool[np.ndarray, "frame camera"]:
+    """Cameras that agree with no other although some agree with one another, in the median of `settings.steady` frames.
+    Two agree where what they show of the body's surface is the same in at least `settings.matched` of it and at most
+    `settings.view_gap` metres apart; of two cameras none can be told to be the wrong one, nor one that shares nothing
+    with any other."""
+    cameras = max((len(result.signals.costs) for result in results if result.signals is not None), default=0)
+    odd = np.zeros((len(results), cameras))
+    for index, result in enumerate(results):
+        if result.signals is not None:
+            odd[index] = _without_company(result.signals, settings)
+    return np.stack([steadied(marks, settings.steady) > 0.5 for marks in odd.T], -1) if cameras else odd > 0
+
+
+def pair_places(cameras: int) -> np.ndarray:
+    """The ordered pairs of cameras (pair, 2), as `FrameSignals` lists them."""
+    return np.array(list(permutations(range(cameras), 2)), int).reshape(-1, 2)
+
+
+def steadied(values: Float[np.ndarray, "frame"], window: int) -> Float[np.ndarray, "frame"]:
+    """The median of the frames around each: what one frame of many shows is chance."""
+    reach = window // 2
+    padded = np.pad(values, reach, mode="edge")
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
+
+
+def _without_company(signals: FrameSignals, settings: VerdictSettings) -> Bool[np.ndarray, "camera"]:
+    cameras = len(signals.costs)
+    gaps, matched = np.full((2, cameras, cameras), np.nan)
+    first, second = pair_places(cameras).T
+    gaps[first, second], matched[first, second] = signals.view_gaps, signals.matched
+    known = np.isfinite(matched) & np.isfinite(matched.T)
+    near = (gaps <= settings.view_gap) & (settings.view_gap >= gaps.T)
+    agree = known & near & (0.5 * (matched + matched.T) >= settings.matched)
+    return agree.any() & known.any(1) & ~agree.any(1)
