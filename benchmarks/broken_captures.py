@@ -70,6 +70,13 @@ def stopped_camera(source: Path, folder: Path, frame: int) -> Path:
     return _write(capture, folder, frames=frames)
 
 
+def one_camera(source: Path, folder: Path) -> Path:
+    """The first camera alone."""
+    toml = copied(source, folder) / "capture.toml"
+    toml.write_text("\n[[camera]]".join(toml.read_text().split("\n[[camera]]")[:2]))
+    return folder
+
+
 def looped(source: Path, folder: Path, count: int, length: int = 30) -> Path:
     """Nothing is wrong, but it lasts: the first `length` frames forwards and backwards until there are `count`."""
     capture = Capture.open(source).with_selected_frames((0,))

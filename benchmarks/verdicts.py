@@ -3,7 +3,7 @@
     python benchmarks/verdicts.py ../shared/data [--only plaza_late ...] [--quality draft] [--out FIGURES.json]
 
 Copies of plaza and street, half as large, get a wrong focal length, swapped cameras, a camera that started 0.2 s late,
-one that was pushed, one that stops, or another person's mesh; or the tracker goes by optical flow alone and drifts.
+one that was pushed, one that stops, another person's mesh, or no second camera; or the tracker goes by optical flow alone and drifts.
 Every copy is tracked over some frames. A frame is wrong where the mean error of its joints is above 8 cm: markers
 are bound to the mesh in the first frame, and where that is wrong they say the same of every later one. A capture that
 is refused at once, with a sentence, counts as not trusted in every frame. Per case the table says how many frames
@@ -25,6 +25,7 @@ import numpy as np  # noqa: E402
 from broken_captures import (  # noqa: E402
     copied,
     late_camera,
+    one_camera,
     other_actor,
     stopped_camera,
     swapped_cameras,
@@ -64,6 +65,7 @@ CASES = {
     ),
     "plaza_swapped": Case(lambda data, to: swapped_cameras(data / "plaza", to), (50, 56), False),
     "plaza_turned": Case(lambda data, to: turned_camera(data / "plaza", to), (50, 58), False),
+    "plaza_alone": Case(lambda data, to: one_camera(data / "plaza", to), (50, 58), False),
     "street": Case(lambda data, to: copied(data / "street", to), (0, 12), False),
     "street_late": Case(lambda data, to: late_camera(data / "street", to), (0, 10), False),
     "street_focal": Case(lambda data, to: wrong_focal_length(data / "street", to, 0.8), (0, 8), False),

@@ -26,13 +26,14 @@ class VerdictSettings:
     half is above `foreign`, or when it is more than `stray` metres from halfway between the frames before and after, an
     acceleration above `jolt` metres per second squared.
 
-    A frame is doubtful, too, when what two cameras show of the body's surface lies, in the median over the surface,
-    more than `view_gap` metres apart, or is the same in less than `matched` of it, in half of the pairs of cameras or
-    more; when the background that the body covers and the person that it does not are more than `outline` of the
-    body, mean over the views, as an arm and a half; and when the standard deviation of a joint's place, mean over the
-    body, is more than `deviation` metres, as where one camera does not tell how far away it is; all in the median of
-    `steady` frames. When half of the selected frames are doubtful all are, for everything rests on them. Doubtful
-    frames have at most `confidence`, but for those of which only the deviation is large: their pixels are explained."""
+    A frame is doubtful, too, when half of the pairs of cameras, or more, do not show the same body there: what the two
+    show of its surface lies, in the median over the surface, more than `view_gap` metres apart, or is the same in less
+    than `matched` of it; when the background that the body covers and the person that it does not are more than
+    `outline` of the body, mean over the views, as an arm and a half; and when the standard deviation of a joint's
+    place, mean over the body, is more than `deviation` metres, as where one camera does not tell how far away it is;
+    all in the median of `steady` frames. A camera that agrees with no other, where others agree, is left out of all of
+    it. When half of the selected frames are doubtful all are, for everything rests on them. Doubtful frames have at
+    most `confidence`, but for those of which only the deviation is large: their pixels are explained."""
 
     doubtful: float = 0.42
     lost: float = 0.55

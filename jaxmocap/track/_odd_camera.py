@@ -3,7 +3,6 @@ shows the body elsewhere than those that agree."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -52,9 +51,17 @@ def contradicted(results: Sequence[FrameResult], settings: VerdictSettings) -> B
     return np.stack([steadied(marks, settings.steady) > 0.5 for marks in odd.T], -1) if cameras else odd > 0
 
 
-def pair_places(cameras: int) -> np.ndarray:
-    """The ordered pairs of cameras (pair, 2), as `FrameSignals` lists them."""
-    return np.array(list(permutations(range(cameras), 2)), int).reshape(-1, 2)
+def agreement(
+    signals: FrameSignals, settings: VerdictSettings
+) -> tuple[Bool[np.ndarray, "camera camera"], Bool[np.ndarray, "camera camera"]]:
+    """Which cameras share enough to be compared, and which of those agree; in both directions alike."""
+    cameras = len(signals.costs)
+    gaps, matched = np.full((2, cameras, cameras), np.nan)
+    ahead = ~np.eye(cameras, dtype=bool)  # row by row, as `FrameSignals` lists the pairs
+    gaps[ahead], matched[ahead] = signals.view_gaps, signals.matched
+    known = np.isfinite(matched) & np.isfinite(matched.T)
+    near = np.maximum(gaps, gaps.T) <= settings.view_gap
+    return known, known & near & (0.5 * (matched + matched.T) >= settings.matched)
 
 
 def steadied(values: Float[np.ndarray, "frame"], window: int) -> Float[np.ndarray, "frame"]:
@@ -65,11 +72,5 @@ def steadied(values: Float[np.ndarray, "frame"], window: int) -> Float[np.ndarra
 
 
 def _without_company(signals: FrameSignals, settings: VerdictSettings) -> Bool[np.ndarray, "camera"]:
-    cameras = len(signals.costs)
-    gaps, matched = np.full((2, cameras, cameras), np.nan)
-    first, second = pair_places(cameras).T
-    gaps[first, second], matched[first, second] = signals.view_gaps, signals.matched
-    known = np.isfinite(matched) & np.isfinite(matched.T)
-    near = (gaps <= settings.view_gap) & (settings.view_gap >= gaps.T)
-    agree = known & near & (0.5 * (matched + matched.T) >= settings.matched)
+    known, agree = agreement(signals, settings)
     return agree.any() & known.any(1) & ~agree.any(1)

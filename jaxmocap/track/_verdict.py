@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from ._confidence import VerdictSettings
 from ._frame_result import FrameResult
 from ._lost import runs
-from ._odd_camera import contradicted, pair_places, steadied
+from ._odd_camera import agreement, contradicted, steadied
 
 APART = (
     "the views do not show the same body there: the calibration, the offsets or the actor are wrong, a camera stood "
@@ -97,9 +97,9 @@ def _apart(
     marked = np.zeros(len(results))
     for index, result in enumerate(results):
         if result.signals is not None:
-            known = np.isfinite(result.signals.matched) & heard[index, pair_places(heard.shape[1])].all(1)
-            gaps, matched = result.signals.view_gaps[known], result.signals.matched[known]
-            marked[index] = known.any() and (~(gaps <= settings.view_gap) | (matched < settings.matched)).mean() >= 0.5
+            known, agree = agreement(result.signals, settings)
+            known &= heard[index][:, None] & heard[index]
+            marked[index] = known.any() and agree[known].mean() <= 0.5
     return marked
 
 
