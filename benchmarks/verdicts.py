@@ -3,11 +3,11 @@
     python benchmarks/verdicts.py ../shared/data [--only plaza_late ...] [--quality draft] [--out FIGURES.json]
 
 Copies of plaza and street, half as large, get a wrong focal length, swapped cameras, a camera that started 0.2 s late,
-one that was pushed, one that stops, another person's mesh, or no second camera; or the tracker goes by optical flow alone and drifts.
-Every copy is tracked over some frames. A frame is wrong where the mean error of its joints is above 8 cm: markers
-are bound to the mesh in the first frame, and where that is wrong they say the same of every later one. A capture that
-is refused at once, with a sentence, counts as not trusted in every frame. Per case the table says how many frames
-are right and wrong, and how many of each were told so; cases marked "fit" were looked at when the thresholds of
+one that was pushed, one that stops, another person's mesh, or no second camera; or the tracker goes by optical flow
+alone and drifts. Every copy is tracked over some frames. A frame is wrong where the mean error of its joints is above
+8 cm: markers are bound to the mesh in the first frame, and where that is wrong they say the same of every later one. A
+capture that is refused at once, with a sentence, counts as not trusted in every frame. Per case the table says how many
+frames are right and wrong, and how many of each were told so; cases marked "fit" were looked at when the thresholds of
 `VerdictSettings` were chosen, those marked "check" were not.
 """
 
