@@ -47,7 +47,7 @@ class VerdictSettings:
     view_gap: float = 0.01
     matched: float = 0.25
     outline: float = 0.07
-    deviation: float = 0.06
+    deviation: float = 0.03
     steady: int = 5
     confidence: float = 0.25
 

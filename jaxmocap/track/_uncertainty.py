@@ -53,11 +53,12 @@ def joint_covariances(
 
 
 def mean_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float[np.ndarray, "frame"] | None:
-    """Standard deviation of a joint's place, mean over the landmarks, metres; None where nothing was refined, which
-    would have told it."""
+    """Standard deviation of a joint's place, mean over the landmarks, metres, whatever the confidence; None where
+    nothing was refined, which would have told it."""
     if all(result.hessian is None for result in results):
         return None
-    variances = np.trace(joint_covariances(skeleton, results), axis1=-2, axis2=-1)
+    settings = UncertaintySettings(doubt=0.0)
+    variances = np.trace(joint_covariances(skeleton, results, settings), axis1=-2, axis2=-1)
     return np.sqrt(variances).mean(axis=1, dtype=float)
 
 
