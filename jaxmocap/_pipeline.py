@@ -17,7 +17,7 @@ from jaxmocap._prepare import Prepared, prepare
 from jaxmocap._records import different, digest
 from jaxmocap._results import InputError
 from jaxmocap._run_folder import finished, run_folder
-from jaxmocap._runtime import versions
+from jaxmocap._runtime import make_room, versions
 from jaxmocap.capture import Capture, Detections, content_hash, folder_hash
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion, write_json
@@ -123,6 +123,7 @@ def track_capture(
     tell = progress or (lambda stage, done, total: None)
     out = Path(out)
     begin = time.perf_counter()
+    make_room()
     run_like = {"path": str(Path(path).resolve()), "quality": quality, "settings": dict(settings or {})}
     capture = Capture.open(path)
     load_ahead(run_like)

@@ -1,12 +1,15 @@
 """Lowered programs are traced once, never taken from a file that is not theirs, and give the bits of tracing."""
 
+import gc
+from pathlib import Path
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap import _kept_programs
+from jaxmocap import _kept_programs, _runtime
 from jaxmocap._kept_programs import kept_jit, load_ahead, programs_noted, run_often
 from jaxmocap.character import Pose
 
@@ -126,3 +129,21 @@ def test_programs_are_loaded_ahead(folder):
         same(another_process(*arguments()), first)
     assert len(TRACES) == 1
     assert not _kept_programs._ahead
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").is_file(), reason="memory maps are counted on Linux only")
+def test_compiled_programs_are_dropped_before_memory_maps_run_out(folder, monkeypatch):
+    def maps():
+        gc.collect()
+        return Path("/proc/self/maps").read_bytes().count(b"\n")
+
+    kept, sizes = kept_jit(moved), range(2, 42)
+    before = maps()
+    answers = [kept(*arguments(size)) for size in sizes]
+    full = maps()
+    _runtime.make_room()
+    assert maps() > before + 0.9 * (full - before) > before + len(sizes)
+    monkeypatch.setattr(_runtime, "_MOST_MAPS", full - 1)
+    _runtime.make_room()
+    assert maps() < before + 0.5 * (full - before)
+    same(answers, [kept(*arguments(size)) for size in sizes])

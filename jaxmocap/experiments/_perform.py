@@ -1,6 +1,5 @@
 """Doing one run: open, register, fit the appearance, track, evaluate. What runs share is prepared once."""
 
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +14,7 @@ import numpy as np
 from jaxmocap._complete import with_person_masks, with_selected_frames
 from jaxmocap._pipeline import open_character
 from jaxmocap._results import InputError
-from jaxmocap._runtime import versions
+from jaxmocap._runtime import make_room, versions
 from jaxmocap.appearance import Appearance
 from jaxmocap.baselines import method
 from jaxmocap.camera import Cameras
@@ -40,9 +39,6 @@ from jaxmocap.track import (
 from ._run import Inputs, Run
 from ._suite import DETECTIONS, CaptureSpec, film
 
-_MOST_MAPS = 30_000
-"""Memory maps of the process beyond which compiled programs are dropped; the kernel allows 65,530."""
-
 
 class Prepared(NamedTuple):
     """What the runs of one capture and one set of inputs share."""
@@ -60,7 +56,7 @@ def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
     The synthetic captures of a suite are filmed into `captures` when they are first needed. Raises whatever the run
     raises.
     """
-    _make_room()
+    make_room()
     begin, used = time.perf_counter(), time.process_time()
     key = jax.random.key(run.seed)
     folder = film(run.capture, captures) if isinstance(run.capture, CaptureSpec) else Path(run.capture)
@@ -188,10 +184,3 @@ def _roughened(character: Character, rng: np.random.Generator, millimetres: floa
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     moved = vertices + 1e-3 * millimetres * rng.standard_normal((len(vertices), 1)) * normals
     return replace(character, vertices=jnp.asarray(moved, jnp.float32))
-
-
-def _make_room() -> None:
-    """Drop compiled programs before the process runs out of memory maps (Linux)."""
-    maps = Path(f"/proc/{os.getpid()}/maps")
-    if maps.is_file() and len(maps.read_bytes().splitlines()) > _MOST_MAPS:
-        jax.clear_caches()

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import PRNGKeyArray
 
 from jaxmocap._results import InputError
-from jaxmocap._runtime import release_memory
+from jaxmocap._runtime import make_room, release_memory
 from jaxmocap.appearance import Appearance
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, Detections
@@ -110,6 +110,7 @@ def track_frames(
     for number, leg in enumerate(legs):
         if saved is not None and number < saved.leg:
             continue
+        make_room()
         if isinstance(tracker, Tracker):
             worker = FrameTracker(observations, tracker, key)
         else:
