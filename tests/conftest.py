@@ -14,6 +14,12 @@ from jaxtyping import install_import_hook
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("JAXMOCAP_DATA", ROOT.parent / "shared" / "data"))
 
+SINGLE_FUNCTIONS = {
+    *("appearance", "camera", "character", "energies", "exporters", "geometry", "guard_rails", "importers", "metrics"),
+    *("motion", "observation", "refiners", "render", "rigging", "samplers", "synthetic"),
+}
+"""Folders of tests."""
+
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ["XDG_CACHE_HOME"] = str(ROOT / ".pytest_cache" / "user")
@@ -42,6 +48,18 @@ def _nans_on_purpose(request: pytest.FixtureRequest) -> Iterator[None]:
 
     with jax.debug_nans(False):
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_sooner(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Tests of single functions compile for longer than they run: XLA leaves out what makes programs faster.
+    Where people are tracked, and in child processes, programs are compiled as for users."""
+    import jax
+
+    folder = request.path.parent.name
+    jax.config.update("jax_disable_most_optimizations", folder in SINGLE_FUNCTIONS)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture(scope="module", autouse=True)
