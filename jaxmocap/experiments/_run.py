@@ -55,7 +55,7 @@ class Run:
             "settings": dict(self.settings),
             "appearance": dict(self.appearance),
             "inputs": asdict(self.inputs),
-            "frames": self.frames,
+            "frames": None if self.frames is None else list(self.frames),
             "seed": self.seed,
         }
 

@@ -147,6 +147,19 @@ def test_the_same_table_as_parquet(performed, tmp_path):
     assert json.loads(table["inputs"][0])["selected"] == [0]
 
 
+def test_a_sweep_that_was_interrupted_writes_the_same_table_as_one_that_was_not(performed, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    trials = [Trial("a", "seed", str(run.seed), run) for run in runs(0, 7, 2, frames=(0, 2))]
+    tables = []
+    for name, steps in (("whole", [3]), ("interrupted", [1, 3])):
+        for stop in steps:
+            records = sweep([trial.run for trial in trials[:stop]], tmp_path / name)
+        table = parquet.read_table(write_table(rows_of(trials, records), tmp_path / name / "t.parquet")).to_pydict()
+        tables.append({column: values for column, values in table.items() if column != "seconds"})
+    assert tables[0] == tables[1]
+    assert tables[0]["frames"] == ["[0, 2]"] * 3
+
+
 def test_workers_of_a_dask_cluster_share_the_runs(performed, tmp_path):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
