@@ -115,7 +115,7 @@ def report_trust(motion: "Motion") -> int:
         if span["part"] != "body":
             say(f"The {span['part']} is lost in {where(span['first'], span['last'])}: {span['why']}.")
     for odd in motion.provenance["odd_cameras"]:
-        say(f"Camera {odd['camera']} is not heard in {where(odd['first'], odd['last'])}: {odd['why']}.")
+        say(f"Camera {odd['camera']} is left out of the verdict in {where(odd['first'], odd['last'])}: {odd['why']}.")
     for doubt in motion.provenance["doubts"]:
         say(f"Do not trust {where(doubt['first'], doubt['last'])}: {doubt['why']}.")
     lost = motion.frames[motion.status == "lost"].tolist()

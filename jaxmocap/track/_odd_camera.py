@@ -48,7 +48,9 @@ def contradicted(results: Sequence[FrameResult], settings: VerdictSettings) -> B
     for index, result in enumerate(results):
         if result.signals is not None:
             odd[index] = _without_company(result.signals, settings)
-    return np.stack([steadied(marks, settings.steady) > 0.5 for marks in odd.T], -1) if cameras else odd > 0
+    if cameras:
+        odd = np.stack([steadied(marks, settings.steady) for marks in odd.T], -1)
+    return (odd > 0.5) & ((odd <= 0.5).sum(axis=1, keepdims=True) >= 2)
 
 
 def agreement(

@@ -149,7 +149,9 @@ def _odd_cameras(motion: Motion) -> list[dict[str, Any]]:
     for span in motion.provenance.get("odd_cameras") or []:
         frames.setdefault((span["camera"], span["why"]), []).extend(range(span["first"], span["last"] + 1))
     return [
-        _finding("doubtful", f"Camera {camera} is not heard in {_frames(listed)}: {why}.", _starts(listed))
+        _finding(
+            "doubtful", f"Camera {camera} is left out of the verdict in {_frames(listed)}: {why}.", _starts(listed)
+        )
         for (camera, why), listed in frames.items()
     ]
 

@@ -12,6 +12,7 @@ from jaxmocap._cli._track import NOT_TRUSTED, report_trust
 from jaxmocap.track import FrameSignals, FrameTracker, Tracker, VerdictSettings, doubts, odd_cameras
 from jaxmocap.track._confidence import dominant_bodies
 from jaxmocap.track._economy import outer_halves
+from jaxmocap.track._odd_camera import contradicted
 from jaxmocap.track._score import look_at
 from jaxmocap.track._sequence import motion_of
 from jaxmocap.track._signals import frame_signals, view_angles
@@ -167,6 +168,22 @@ def test_a_camera_too_far_from_all_others_is_heard(true_result):
     assert {why for _, _, why in told(results)} == {OUTLINE, UNEXPLAINED}
 
 
+def test_a_frame_that_was_not_looked_at_between_frames_with_an_odd_camera_stays_doubtful(true_result):
+    results = views(true_result, [[1]])
+    results[2] = replace(results[2], energy={}, signals=None, status="doubtful")
+    found = doubts(results, SETTINGS)
+    assert [one.status for one in with_doubts(results, found, SETTINGS)] == ["ok", "ok", "doubtful", "ok", "ok"]
+
+
+def test_two_cameras_are_always_heard(true_result):
+    """Of five cameras others agree in every frame; each is alone in three of five frames."""
+    results = [views(true_result, [[c] for c in range(5) if c not in (f, (f + 1) % 5)], 5)[f] for f in (0, 2, 4, 1, 3)]
+    results = [replace(result, frame=frame) for frame, result in enumerate(results)]
+    heard = ~contradicted(results, SETTINGS)
+    assert (heard.sum(1) >= 2).all()
+    assert np.isfinite([d.first for d in doubts(results, SETTINGS)]).all()
+
+
 def test_a_camera_that_is_odd_for_a_frame_is_chance(true_result):
     right, wrong = views(true_result, []), views(true_result, [[1]])
     assert odd([*right[:2], wrong[2], *right[3:]]) == []
@@ -221,7 +238,7 @@ def test_the_motion_carries_the_verdict(world, true_result, capsys):
     assert motion.provenance["odd_cameras"] == []
     odd = {"camera": "cam1", "first": 0, "last": 2, "why": "it stood still"}
     report_trust(replace(motion, provenance=motion.provenance | {"odd_cameras": [odd]}))
-    assert "cam1 is not heard in frames 0-2: it stood still." in " ".join(capsys.readouterr().err.split())
+    assert "cam1 is left out of the verdict in frames 0-2: it stood still." in " ".join(capsys.readouterr().err.split())
     good = motion_of(world.observations(), frames(true_result, 3))
     assert good.trusted.all()
     assert report_trust(good) == 0

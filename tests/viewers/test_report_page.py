@@ -140,7 +140,7 @@ def test_a_camera_that_the_others_contradict_is_named():
     odd = [{"camera": "left", "first": f, "last": f + 1, "why": "it stood still"} for f in (1, 7)]
     told = [one for one in findings(judged(provenance={"odd_cameras": odd})) if "left" in one["text"]]
     assert [(one["kind"], one["text"], one["frames"]) for one in told] == [
-        ("doubtful", "Camera left is not heard in frames 1-2, 7-8: it stood still.", [1, 7])
+        ("doubtful", "Camera left is left out of the verdict in frames 1-2, 7-8: it stood still.", [1, 7])
     ]
 
 
