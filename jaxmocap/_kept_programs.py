@@ -99,7 +99,8 @@ class _KeptJit:
     @functools.cached_property
     def traced(self) -> Callable[..., Any]:
         options = self.options() if jax.default_backend() == "cpu" else {}
-        return eqx.filter_jit(self.function, compiler_options=options) if options else eqx.filter_jit(self.function)
+        jit: Any = eqx.filter_jit
+        return jit(self.function, compiler_options=options) if options else jit(self.function)
 
     def __call__(self, *args: Any) -> Any:
         folder = os.environ.get(FOLDER, "")

@@ -106,7 +106,7 @@ def _records(
     runs: Sequence[Run], out: Path, captures: Path, workers: int | None, scheduler: str | None
 ) -> Iterator[dict[str, Any]]:
     try:
-        import distributed
+        import distributed  # pyright: ignore[reportMissingImports]
     except ImportError:
         if (workers or 0) > 1 or scheduler is not None:
             raise InputError(

@@ -73,7 +73,7 @@ def carry(
     with np.errstate(divide="ignore", invalid="ignore"):
         pixel = there_pixel[:, :2] / there_pixel[:, 2:]
     rows, columns = source.ids.shape
-    in_front = (there[..., 2] > LEAST_DEPTH).all(1)[face] & np.isfinite(pixel).all(1)
+    in_front = np.all(there[..., 2] > LEAST_DEPTH, axis=1)[face] & np.isfinite(pixel).all(1)
     pixel = np.where(in_front[:, None], pixel, -1.0).clip(-1e6, 1e6)
     right, down = (np.floor(pixel) - source.origin[::-1]).astype(np.int32).T
     inside = in_front & (right >= 0) & (down >= 0) & (right < columns) & (down < rows)

@@ -75,4 +75,4 @@ def steadied(values: Float[np.ndarray, "frame"], window: int) -> Float[np.ndarra
 
 def _without_company(signals: FrameSignals, settings: VerdictSettings) -> Bool[np.ndarray, "camera"]:
     known, agree = agreement(signals, settings)
-    return agree.any() & known.any(1) & ~agree.any(1)
+    return np.any(agree) & np.any(known, axis=1) & ~np.any(agree, axis=1)

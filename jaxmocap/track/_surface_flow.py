@@ -97,7 +97,7 @@ class FlowSettings:
 
 
 def _view(intrinsics, cam_from_world, vertices, ids, origin: tuple[int, int]) -> View:
-    return View(*(np.asarray(part) for part in (intrinsics, cam_from_world, vertices, ids)), origin)
+    return View(np.asarray(intrinsics), np.asarray(cam_from_world), np.asarray(vertices), np.asarray(ids), origin)
 
 
 def _grey(image: np.ndarray) -> np.ndarray:

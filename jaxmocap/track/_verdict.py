@@ -117,7 +117,7 @@ def _unexplained(
 ) -> Bool[np.ndarray, "frame"]:
     """Where `judge` calls the frame doubtful and, if not all cameras are heard, those that are do too."""
     doubtful = np.array([result.status == "doubtful" for result in results], bool)
-    for index in np.flatnonzero(doubtful & ~heard.all(1)):
+    for index in np.flatnonzero(doubtful & ~np.all(heard, axis=1)).tolist():
         signals = results[index].signals
         if signals is None:
             continue
