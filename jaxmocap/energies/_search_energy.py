@@ -183,14 +183,23 @@ def _score(energy, character, part, pose, problem, region, base, increments, cap
 def _share_out(
     score: Callable[[Any, Array], tuple[Array, Array]], arrays: Any, rows: Float[Array, "particle dof"]
 ) -> tuple[Array, Array]:
-    """Split the particles over the local devices of a CPU; every particle is computed as it would be alone."""
+    """Split the particles over the local devices of a CPU; every particle is computed as it would be alone.
+
+    All devices hold all rows and all answers: were they left split up, every sum over particles that a sampler makes
+    would have the devices wait for each other, which takes as long as the scores.
+    """
     devices = jax.local_devices()
     count = len(devices)
     if count == 1 or rows.shape[0] < 2 * count or devices[0].platform != "cpu":
         return score(arrays, rows)
-    padded = jnp.pad(rows, ((0, -rows.shape[0] % count), (0, 0)), mode="edge")
-    mesh = jax.sharding.Mesh(np.array(devices), ("particle",))
-    every, split = jax.sharding.PartitionSpec(), jax.sharding.PartitionSpec("particle")
-    shared = jax.shard_map(score, mesh=mesh, in_specs=(every, split), out_specs=split, check_vma=False)
+    share = -(-rows.shape[0] // count)
+    padded = jnp.pad(rows, ((0, share * count - rows.shape[0]), (0, 0)), mode="edge")
+
+    def own(arrays: Any, rows: Array) -> tuple[Array, Array]:
+        mine = lax.dynamic_slice_in_dim(rows, share * lax.axis_index("particle"), share)
+        return lax.all_gather(score(arrays, mine), "particle", tiled=True)
+
+    mesh, every = jax.sharding.Mesh(np.array(devices), ("particle",)), jax.sharding.PartitionSpec()
+    shared = jax.shard_map(own, mesh=mesh, in_specs=every, out_specs=every, check_vma=False)
     terms, needed = shared(arrays, padded)
     return terms[: rows.shape[0]], needed
