@@ -10,6 +10,8 @@ from jaxmocap._results import InputError
 STEP = 64
 SLACK = 1.2
 """A new size is this much larger than needed and a multiple of STEP, so that a sequence compiles few shapes."""
+LEAST = 192
+"""No rectangle is smaller where the picture is not: that would save little time, and small captures share programs."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,8 @@ def place_rectangle(
     size = []
     for axis in (0, 1):
         need = min(float(extent[:, axis].max()), float(limit[axis]))
-        size.append(old[axis] if need <= old[axis] else int(min(-(-need * SLACK // STEP) * STEP, limit[axis])))
+        new = max(-(-need * SLACK // STEP) * STEP, LEAST)
+        size.append(old[axis] if need <= old[axis] else int(min(new, limit[axis])))
     width, height = size
     origins = []
     for camera, (full_width, full_height) in enumerate(sizes):

@@ -39,12 +39,14 @@ class Shooting(AbstractRefiner):
     gives exact zeros. The paper says "gradient descent" and "shooting" for the same step; this is both.
 
     - `max_rounds`, `sweeps`: bounds on the rounds and on the coordinate sweeps in each.
+    - `leaps`: between sweeps solve for all coordinates that are free together, see `shooting`; False is the paper.
     - `tolerance`: a round that moves no coordinate further ends the loop (at least a few roundings of the float type).
     - `reweights`: solves for the norm `"l2"`.
     """
 
     max_rounds: int = eqx.field(static=True, default=30)
     sweeps: int = eqx.field(static=True, default=100)
+    leaps: bool = eqx.field(static=True, default=True)
     reweights: int = eqx.field(static=True, default=10)
     damping: Knob = knob(1e-3)
     tolerance: Knob = knob(1e-11)
@@ -66,7 +68,7 @@ class Shooting(AbstractRefiner):
             gradient = gradient + problem.prior_weight * problem.prior + mu * at.delta
             limit = jnp.maximum(self.tolerance, 4 * rounding * jnp.max(jnp.abs(at.delta)))
             box = (problem.lower, problem.upper)
-            moved = shooting(hessian, gradient, problem.l1, *box, at.delta, self.sweeps, 0.1 * limit)
+            moved = shooting(hessian, gradient, problem.l1, *box, at.delta, self.sweeps, 0.1 * limit, self.leaps)
             trial = evaluate(moved)
             accepted = trial.objective <= at.objective + 4 * rounding * jnp.abs(at.objective)
             after = jax.tree.map(lambda new, old: jnp.where(accepted, new, old), trial, at)

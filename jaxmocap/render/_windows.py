@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ._keys import WINDOW, KeyLayout
 
 _FAR_PIXEL = 30000.0
+_BLOCKS = 256
 
 
 class Jobs(NamedTuple):
@@ -53,12 +54,16 @@ def look_up(values: Array, index: Int[Array, "*n"]) -> Array:
 
 
 def running_sum(values: Int[Array, "n"], block: int = 64) -> Int[Array, "n"]:
-    """Cumulative sum by two triangular products: exact below 2^24 and much faster than a scan on a CPU."""
+    """Cumulative sum by triangular products of at most `_BLOCKS` columns: exact below 2^24 and much faster than a scan
+    on a CPU."""
     length = -(-values.shape[0] // block) * block
     rows = jnp.pad(values.astype(jnp.float32), (0, length - values.shape[0])).reshape(-1, block)
     inner = jnp.dot(rows, jnp.triu(jnp.ones((block, block), jnp.float32)), precision="highest")
-    count = rows.shape[0]
-    outer = jnp.dot(inner[:, -1], jnp.triu(jnp.ones((count, count), jnp.float32), 1), precision="highest")
+    count, last = rows.shape[0], inner[:, -1]
+    if count > _BLOCKS:
+        outer = running_sum(last.astype(jnp.int32), block).astype(jnp.float32) - last
+    else:
+        outer = jnp.dot(last, jnp.triu(jnp.ones((count, count), jnp.float32), 1), precision="highest")
     return (inner + outer[:, None]).reshape(-1)[: values.shape[0]].astype(jnp.int32)
 
 

@@ -27,6 +27,10 @@ from jaxmocap.observation import FrameProblem, Surface, simplified_surface
 from jaxmocap.samplers import AbstractSampler, run
 
 REGION_STEP = 64
+WHOLE = 2 / 3
+"""Share of the rectangle from which on a region is all of it: nothing outside is to be looked at, for few more pixels,
+and like captures share their programs."""
+
 _LEAST_FACES = 500
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
@@ -253,7 +257,7 @@ class GroupSearch:
     outer: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
 
     def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
-        """Corners of the region in the rectangle; its size grows in steps and never beyond the rectangle."""
+        """Corners of the region in the rectangle; its size grows in steps until it is the rectangle's."""
         height, width = problem.size
         boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
         extent = (boxes[:, 2:] - boxes[:, :2]).max(0) + 16
@@ -262,7 +266,10 @@ class GroupSearch:
             old = self.sizes.region[1 - axis]
             need = min(float(extent[axis]), full)
             size.append(old if need <= old else int(min(-(-need * 1.35 // REGION_STEP) * REGION_STEP, full)))
-        size = (min(size[0], height // 8 * 8), min(size[1], width // 8 * 8))
+        if size[0] * size[1] > WHOLE * height * width:
+            self.sizes.region = (height, width)
+            return np.zeros((len(boxes), 2), np.int32)
+        size = (min(-(-size[0] // 8) * 8, height // 8 * 8), min(-(-size[1] // 8) * 8, width // 8 * 8))
         self.sizes.region = size
         centre = 0.5 * (boxes[:, :2] + boxes[:, 2:])
         top = np.clip(centre[:, 1] - size[0] / 2, 0, height - size[0])

@@ -70,3 +70,19 @@ def test_mapping_over_the_l1_weight_equals_a_loop():
     wide, weights = jnp.full(12, 1.0), jnp.array([0.0, 3.0, 50.0])
     solve = lambda l1: shooting(hessian, gradient, l1, -wide, wide, jnp.zeros(12))  # noqa: E731
     np.testing.assert_allclose(jax.vmap(solve)(weights), jnp.stack([solve(l1) for l1 in weights]), atol=1e-12)
+
+
+def test_leaps_find_the_same_minimum_in_a_few_sweeps_where_coordinates_depend_on_each_other():
+    rng = np.random.default_rng(4)
+    matrix = rng.normal(size=(60, 39)) @ np.diag(10.0 ** rng.uniform(-2, 1, 39)) @ rng.normal(size=(39, 39))
+    hessian, gradient = jnp.asarray(matrix.T @ matrix), jnp.asarray(matrix.T @ rng.normal(size=60))
+    l1, upper = jnp.where(jnp.arange(39) < 30, 40.0, 0.0), jnp.full(39, 0.05)
+    options = {"l1": l1, "lower": -upper, "upper": upper, "start": jnp.zeros(39), "tolerance": 1e-14}
+    found = shooting(hessian, gradient, sweeps=40, **options)
+    expected = shooting(hessian, gradient, sweeps=200_000, leaps=False, **options)
+    assert jnp.any(expected == 0)
+    assert jnp.any(jnp.abs(expected) == 0.05)
+    assert jnp.sum((expected != 0) & (jnp.abs(expected) < 0.05)) > 3
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+    slow = shooting(hessian, gradient, sweeps=40, leaps=False, **options)
+    assert jnp.abs(slow - expected).max() > 1e-3

@@ -170,3 +170,13 @@ def test_expansion_is_exact_for_many_items():
 def test_expansion_of_nothing():
     _, _, total = _expand(jnp.zeros(5, jnp.int32), 4)
     assert int(total) == 0
+
+
+@pytest.mark.parametrize("length", [1, 64, 5_000, 16_385, 300_000])
+def test_items_are_repeated_as_often_as_said_however_many_there_are(length):
+    counts = np.random.default_rng(0).integers(0, 4, length).astype(np.int32)
+    item, rank, total = expand(jnp.asarray(counts), 4 * length)
+    assert int(total) == counts.sum()
+    expected = np.repeat(np.arange(length), counts)
+    np.testing.assert_array_equal(item[:total], expected)
+    np.testing.assert_array_equal(rank[:total], np.arange(total) - (np.cumsum(counts) - counts)[expected])
