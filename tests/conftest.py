@@ -38,6 +38,11 @@ def data() -> Path:
     return DATA
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The second notebook runs after the others, with the programs that the first has compiled, not beside it."""
+    items.sort(key=lambda item: 2 if item.path.suffix != ".ipynb" else item.path.name.startswith("01_"))
+
+
 @pytest.fixture(autouse=True)
 def _nans_on_purpose(request: pytest.FixtureRequest) -> Iterator[None]:
     """Where JAX_DEBUG_NANS is set, tests with the marker `nans` are left out of it."""
