@@ -17,7 +17,7 @@ def bench(
     what: Annotated[Literal["paper"], tyro.conf.Positional, tyro.conf.arg(help="Section 5 of the paper.")],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="Folder for runs, table and report; goes on where it was.")],
     quick: Annotated[
-        bool, tyro.conf.arg(help_behavior_hint="", help="Small captures, one seed: a quarter of an hour.")
+        bool, tyro.conf.arg(help_behavior_hint="", help="Small captures, one seed, preset draft: a quarter of an hour.")
     ] = False,
     capture: Annotated[
         tuple[Path, ...],
@@ -38,7 +38,9 @@ def bench(
     frames: FrameSpan = None,
     quality: Annotated[
         Literal["draft", "normal", "paper"] | None,
-        tyro.conf.arg(help="Preset of the methods that have one.", help_behavior_hint="(default: normal)"),
+        tyro.conf.arg(
+            help="Preset of the methods that have one.", help_behavior_hint="(default: normal, quick: draft)"
+        ),
     ] = None,
     seeds: Annotated[
         tuple[int, ...], tyro.conf.arg(metavar="N ...", help="Seeds.", help_behavior_hint="(default: 0 1 2, quick: 0)")

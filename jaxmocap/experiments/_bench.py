@@ -57,10 +57,11 @@ def bench(
 
     `out` receives `runs.csv` (and `runs.parquet` where pyarrow is installed), `frames.csv`, `figures.json`,
     `report.html` and `report.md`; finished runs stay in `out/runs` and are never done again, so that the same call goes
-    on after an interruption. `quick` is one seed on captures of six frames, ablations on and off.
+    on after an interruption. `quick` is one seed on captures of six frames with the preset "draft", ablations on and
+    off.
 
     With `captures`, folders with a truth, only the comparison is done, on these and not on the synthetic suite, in
-    `frames` (start, stop). `methods` are names of `jaxmocap.baselines.METHODS`, `quality` the preset. `only` is a
+    `frames` (start, stop). `methods` are names of `jaxmocap.baselines.METHODS`, `quality` is the preset. `only` is a
     regular expression for experiments. `gate` is the `figures.json` of an earlier run to be held against. `workers`,
     `scheduler` and `retry_failed` as in `sweep`. Raises `InputError` for anything unknown.
     """
@@ -89,10 +90,13 @@ def bench(
     if _has_pyarrow():
         files["parquet"] = write_table(rows, out / "runs.parquet")
     files["figures"] = out / "figures.json"
-    write_figures(figures, files["figures"], quick=quick)
-    notes = ["Quick: six frames per capture and one seed. Not for conclusions."] if quick else []
+    presets = sorted({trial.run.quality for trial in trials})
+    about = {"quick": quick, "quality": ", ".join(presets)}
+    write_figures(figures, files["figures"], **about)
+    small = f"Quick: six frames per capture, one seed, preset {about['quality']}. Not for conclusions."
+    notes = [small] if quick and not captures else []
     files["report"], files["markdown"] = write_report(rows, out, _folders(trials, out), "Evaluation", notes)
-    worse = [] if gate is None else complaints(figures, Path(gate))
+    worse = [] if gate is None else complaints(figures, Path(gate), **about)
     return Benchmark(rows, figures, worse, files)
 
 

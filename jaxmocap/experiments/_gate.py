@@ -58,15 +58,22 @@ def write_figures(figures: Sequence[Figure], path: Path, **about: Any) -> None:
     write_json(path, {**about, "figures": list(figures)})
 
 
-def complaints(figures: Sequence[Figure], path: Path) -> list[str]:
-    """What is worse than in a baseline file. `InputError` if it cannot be read, or has no figure in common."""
+def complaints(figures: Sequence[Figure], path: Path, **about: Any) -> list[str]:
+    """What is worse than in a baseline file. `InputError` if it cannot be read, is one of other runs (`about`, as in
+    `write_figures`), or has no figure in common."""
     try:
-        baseline = json.loads(path.read_text())["figures"]
+        whole = json.loads(path.read_text())
+        baseline = whole["figures"]
         known = {entry["metric"] for entry in baseline}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"the baseline {path} cannot be read ({error}); give the figures.json of an earlier run."
         ) from None
+    for name, value in about.items():
+        if whole.get(name, value) != value:
+            raise InputError(
+                f"the baseline {path} has {name} {whole[name]}, this run {value}; give one of runs like these."
+            )
     missing = sorted(known - {str(one["metric"]) for one in figures})
     if len(missing) == len(known):
         raise InputError(f"the baseline {path} is one of other experiments: it has no figure in common with this run.")

@@ -106,10 +106,10 @@ def paper(
     seeds: Sequence[int] | None = None,
     quality: Literal["draft", "normal", "paper"] | None = None,
 ) -> list[Trial]:
-    """All trials of section 5 on the suite. `quick` is one seed, small captures, and of each ablation only on and
-    off."""
+    """All trials of section 5 on the suite. `quick` is one seed, small captures, of each ablation only on and off,
+    and the preset "draft" where no `quality` is named."""
     seeds = (0,) if quick and seeds is None else (0, 1, 2) if seeds is None else tuple(seeds)
-    quality = "normal" if quality is None else quality
+    quality = ("draft" if quick else "normal") if quality is None else quality
     captures = {name: story(name, quick=quick) for name in STORIES}
     base = Run(captures[LIGHT], quality=quality)
     trials = comparison(list(captures.values()), seeds, base)

@@ -100,6 +100,36 @@ def _plan(sampler: AbstractSampler, energy_fn: Stages) -> list[tuple[EnergyFunct
     return [(energy, count + (check and i == last), check and i == last) for i, (energy, count) in enumerate(stages)]
 
 
+class _Pool(eqx.Module):
+    """Candidates for the first set, N at a time; the energies of those that were scored; and how many are kept."""
+
+    candidates: Float[Array, "set particle dof"]
+    energies: Float[Array, "set particle"]
+    keep: int = eqx.field(static=True)
+
+    @staticmethod
+    def make(candidates: Float[Array, "candidate dof"], keep: int, num_particles: int) -> "_Pool":
+        sets = -(-candidates.shape[0] // num_particles)
+        filled = jnp.pad(candidates, ((0, sets * num_particles - candidates.shape[0]), (0, 0)), mode="edge")
+        split = filled.reshape(sets, num_particles, -1)
+        return _Pool(split, jnp.full(split.shape[:2], jnp.inf, split.dtype), keep)
+
+    @property
+    def sets(self) -> int:
+        return self.candidates.shape[0]
+
+    def told(self, number: Int[Array, ""], energies: Float[Array, "particle"]) -> "_Pool":
+        """With the energies of a set; a set that is none of its own changes nothing."""
+        energies = finite_or_inf(energies).astype(self.energies.dtype)
+        return eqx.tree_at(lambda pool: pool.energies, self, self.energies.at[number].set(energies, mode="drop"))
+
+    def best(self, population: Float[Array, "extra dof"] | None) -> Float[Array, "extra_and_kept dof"]:
+        """The population and the candidates of lowest energy."""
+        every = self.candidates.reshape(-1, self.candidates.shape[-1])
+        kept = every[jax.lax.top_k(-self.energies.reshape(-1), self.keep)[1]]
+        return kept if population is None else jnp.concatenate([population, kept])
+
+
 @eqx.filter_jit
 def run(
     sampler: AbstractSampler,
@@ -110,27 +140,45 @@ def run(
     upper: Float[Array, "dof"],
     key: PRNGKeyArray,
     population: Float[Array, "extra dof"] | None = None,
+    pool: Float[Array, "candidate dof"] | None = None,
+    keep: int = 0,
 ) -> tuple[Float[Array, "dof"], SearchInfo]:
     """Minimise `energy_fn` (particles (N, d) -> energies (N,)) over the box, in one compiled loop.
 
     `energy_fn` may instead be a sequence of `(energy_fn, iterations)` stages, coarse to fine: the particles pass from
     one stage to the next, but energies of different stages are never compared, so the best particle is that of the last
     stage. Give an `eqx.Module` or a `jax.tree_util.Partial` as energy, so that new data does not compile again; a plain
-    closure compiles once per function object. `population` holds extra initial particles, for a warm start.
+    closure compiles once per function object. `population` holds extra initial particles, for a warm start; the `keep`
+    best of a `pool`, by the energy of the first stage, are such particles too.
 
     With the answer `"best_if_better"` one set more than `num_iterations` is evaluated: its particle 0 is the estimate.
     """
-    progress = _begin(sampler, start, spread, lower, upper, key, population)
+    begin = lambda extra: _begin(sampler, start, spread, lower, upper, key, extra)  # noqa: E731
+    progress = begin(population)
+    candidates = None if pool is None else _Pool.make(pool, keep, sampler.num_particles)
     rows, done = [], 0
     for energy, count, check in _plan(sampler, energy_fn):
+        first = candidates if done == 0 else None
 
-        def step(progress: _Progress, iteration: Int[Array, ""], energy=energy, last=done + count - 1, check=check):
+        def step(carry, iteration: Int[Array, ""], energy=energy, last=done + count - 1, check=check):
+            progress, pool = carry
             particles = _propose(sampler, progress, key, iteration, jnp.asarray(check) & (iteration == last))
-            return _learn(sampler, progress, particles, energy(particles), key, iteration)
+            if pool is None:
+                after, row = _learn(sampler, progress, particles, energy(particles), key, iteration)
+                return (after, None), row
+            # The pool is scored by this very loop, in the steps before 0: the energy, which is large, compiles once.
+            scouting, turn = iteration < 0, iteration + pool.sets
+            particles = jnp.where(scouting, pool.candidates[jnp.minimum(turn, pool.sets - 1)], particles)
+            energies = energy(particles)
+            after, row = _learn(sampler, progress, particles, energies, key, iteration)
+            pool = pool.told(turn, energies)
+            begun = jax.lax.cond(iteration == -1, lambda: begin(pool.best(population)), lambda: progress)
+            return (jax.tree.map(lambda a, b: jnp.where(scouting, a, b), begun, after), pool), row
 
         progress = eqx.tree_at(lambda p: p.best_energy, progress, jnp.full_like(progress.best_energy, jnp.inf))
-        progress, stage_rows = jax.lax.scan(step, progress, jnp.arange(done, done + count))
-        rows.append(stage_rows)
+        before = 0 if first is None else first.sets
+        (progress, _), stage_rows = jax.lax.scan(step, (progress, first), jnp.arange(done - before, done + count))
+        rows.append(jax.tree.map(lambda leaf, before=before: leaf[before:], stage_rows))
         done += count
     return _finish(sampler, progress, rows)
 
@@ -144,11 +192,19 @@ def run_stepwise(
     upper: Float[Array, "dof"],
     key: PRNGKeyArray,
     population: Float[Array, "extra dof"] | None = None,
+    pool: Float[Array, "candidate dof"] | None = None,
+    keep: int = 0,
 ) -> tuple[Float[Array, "dof"], SearchInfo]:
     """`run` as a Python loop, for energies computed on the host; `energy_fn` may return any array of shape (N,)."""
+    plan = _plan(sampler, energy_fn)
+    if pool is not None:
+        candidates = _Pool.make(pool, keep, sampler.num_particles)
+        for turn, particles in enumerate(candidates.candidates):
+            candidates = candidates.told(jnp.asarray(turn), jnp.asarray(plan[0][0](particles)))
+        population = candidates.best(population)
     progress = _begin(sampler, start, spread, lower, upper, key, population)
     rows, iteration = [], 0
-    for energy, count, check in _plan(sampler, energy_fn):
+    for energy, count, check in plan:
         progress = eqx.tree_at(lambda p: p.best_energy, progress, jnp.full_like(progress.best_energy, jnp.inf))
         for index in range(count):
             number, is_check = jnp.asarray(iteration), jnp.asarray(check and index == count - 1)

@@ -206,10 +206,7 @@ def _search(
     box = (spread[dofs], lower[dofs], upper[dofs])
     count = int(wide * sampler.num_particles)
     far = wide_population(jax.random.fold_in(key, 1), POOL * count, *box, outer)
-    if far is not None:
-        scores = energies[0][0](far)
-        far = far[jax.lax.top_k(-jnp.where(jnp.isfinite(scores), scores, jnp.inf), count)[1]]
-    best, info = run(sampler, energies, start, *box, key, far)
+    best, info = run(sampler, energies, start, *box, key, pool=far, keep=count)
     increment = jnp.zeros(39).at[dofs].set(best)
     needed = []
     for drawn, coarse, region, capacity in views:

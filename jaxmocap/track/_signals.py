@@ -1,5 +1,7 @@
 """What speaks for and against a frame's answer, measured once it is found; nothing of it steers the search."""
 
+import itertools
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 
 import cv2
@@ -10,7 +12,7 @@ from jaxmocap.character import Character, Pose, Skeleton, skin
 from jaxmocap.observation import FrameImages, FrameProblem, Rectangle
 
 from ._score import Seen
-from ._surface_flow import FlowSettings, compare, padded, same_time_sources
+from ._surface_flow import Comparison, FlowSettings, compare, padded, same_time_sources
 
 _LEAST_PIXELS = 100
 """Of a body, or a limb's outer half, that two views show, to say something about it."""
@@ -101,31 +103,36 @@ def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies
     """`view_gaps`, `matched` and `limb_gaps`."""
     vertices = skin(character, pose)
     crops: list[UInt8[np.ndarray, "height width 3"]] = [rectangle.crop(im, c) for c, im in enumerate(shown.images)]
-    cameras = range(problem.num_cameras)
     pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
     views = same_time_sources(pictures, problem, vertices, seen.ids)
     middle = np.append(np.asarray(vertices).mean(0), 1.0)
     angles = view_angles(np.asarray(problem.cam_from_world), middle[:3])
+    greys = [cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY) for crop in crops]
+
+    def compared(pair: tuple[int, int]) -> Comparison | None:
+        m, n = pair
+        if angles[m, n] > WIDEST:
+            return None
+        return compare(character, vertices, seen.ids[m], greys[m], m, problem, views[n], settings)
+
+    pairs = list(itertools.permutations(range(problem.num_cameras), 2))
     gaps, matched = [], []
     limbs: list[list[np.ndarray]] = [[np.zeros(0)] for _ in outer_bodies]
-    for m in cameras:
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        comparisons = list(pool.map(compared, pairs))
+    for (m, _), found in zip(pairs, comparisons, strict=True):
+        if found is None:
+            gaps.append(np.nan)
+            matched.append(np.nan)
+            continue
         metres = float((np.asarray(problem.cam_from_world[m]) @ middle)[2]) / float(problem.intrinsics[m, 0, 0])
-        grey = cv2.cvtColor(crops[m], cv2.COLOR_RGB2GRAY)
-        for n in cameras:
-            if n == m:
-                continue
-            if angles[m, n] > WIDEST:
-                gaps.append(np.nan)
-                matched.append(np.nan)
-                continue
-            found = compare(character, vertices, seen.ids[m], grey, m, problem, views[n], settings)
-            distances = metres * np.linalg.norm(found.moved[found.good], axis=1)
-            bodies = face_bodies[seen.ids[m][found.good]]
-            shared = found.seen.sum()
-            gaps.append(_median(distances))
-            matched.append(found.good.sum() / shared if shared >= _LEAST_PIXELS else np.nan)
-            for limb, outer in zip(limbs, outer_bodies, strict=True):
-                limb.append(distances[outer[bodies]])
+        distances = metres * np.linalg.norm(found.moved[found.good], axis=1)
+        bodies = face_bodies[seen.ids[m][found.good]]
+        shared = found.seen.sum()
+        gaps.append(_median(distances))
+        matched.append(found.good.sum() / shared if shared >= _LEAST_PIXELS else np.nan)
+        for limb, outer in zip(limbs, outer_bodies, strict=True):
+            limb.append(distances[outer[bodies]])
     medians = [_median(np.concatenate(limb)) for limb in limbs]
     return np.array(gaps, float), np.array(matched, float), np.array(medians, float)
 

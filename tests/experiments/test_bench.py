@@ -45,8 +45,8 @@ def test_the_quick_paper_compares_every_method_on_every_story_and_leaves_parts_o
     assert compared == {(method, capture) for method in METHODS for capture in STORIES}
     assert {t.experiment for t in trials} >= {"Fig. 11 background", "Fig. 12 search", "Fig. 13 view-view", "Fig. 14 L1"}
     assert len({t.run.key for t in trials}) < len(trials)  # all parts of an ablation is ours of the comparison
-    assert {t.run.quality for t in trials} == {"normal"}
-    assert {t.run.quality for t in paper(quick=True, quality="draft")} == {"draft"}
+    assert {t.run.quality for t in trials} == {"draft"}
+    assert {t.run.quality for t in paper(quick=True, quality="normal")} == {"normal"}
 
 
 def test_the_whole_paper_varies_what_ours_adds():
@@ -97,6 +97,8 @@ def test_the_gate_exits_with_one_on_a_planted_regression(quick_runs, tmp_path, c
     assert "comparison, arms-like-torso, ours: marker error: 2.0 cm, was 1.0" in capsys.readouterr().err.replace(
         "\n", " "
     )
+    assert command([*arguments, str(tmp_path / "other"), "--quality", "normal", "--gate", baseline]) == 2
+    assert "has quality draft, this run normal" in capsys.readouterr().err.replace("\n", " ")
 
 
 def test_failures_are_listed_and_the_answer_is_json(quick_runs, tmp_path, capsys, monkeypatch):

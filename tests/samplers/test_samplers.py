@@ -146,6 +146,19 @@ def test_stepwise_with_a_host_energy_equals_the_compiled_loop(sampler):
     assert jax.tree.structure(info) == jax.tree.structure(other_info)
 
 
+def test_the_best_of_a_pool_begin_beside_the_start(sampler):
+    """Numbers of candidates that do not fill whole sets."""
+    pool = jax.random.uniform(jax.random.key(5), (2 * PARTICLES + 7, DOFS), minval=LOWER, maxval=UPPER)
+    best = pool[jnp.argsort(Bowl(TARGET)(pool))[:5]]
+    key, limits, given = jax.random.key(0), (START, SPREAD, LOWER, UPPER), START[None] + 0.05
+    expected, plain = searched(sampler, population=jnp.concatenate([given, best]))
+    found, info = searched(sampler, population=given, pool=pool, keep=5)
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+    assert jax.tree.map(jnp.shape, info) == jax.tree.map(jnp.shape, plain)
+    stepwise, _ = run_stepwise(sampler, Bowl(TARGET), *limits, key, population=given, pool=pool, keep=5)
+    np.testing.assert_allclose(stepwise, expected, atol=1e-4)
+
+
 def test_mapping_over_keys_and_starts_equals_a_loop(sampler):
     keys, starts = jax.random.split(jax.random.key(3), 2), jnp.stack([START, START + 0.1])
     mapped, _ = jax.vmap(lambda key, start: run(sampler, Bowl(TARGET), start, SPREAD, LOWER, UPPER, key))(keys, starts)
