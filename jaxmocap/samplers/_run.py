@@ -101,10 +101,12 @@ def _plan(sampler: AbstractSampler, energy_fn: Stages) -> list[tuple[EnergyFunct
 
 
 class _Pool(eqx.Module):
-    """Candidates for the first set, N at a time; the energies of those that were scored; and how many are kept."""
+    """Candidates for the first set, N at a time, the last set filled up; the energies of those that were scored; how
+    many there are, and how many are kept."""
 
     candidates: Float[Array, "set particle dof"]
     energies: Float[Array, "set particle"]
+    count: int = eqx.field(static=True)
     keep: int = eqx.field(static=True)
 
     @staticmethod
@@ -112,7 +114,7 @@ class _Pool(eqx.Module):
         sets = -(-candidates.shape[0] // num_particles)
         filled = jnp.pad(candidates, ((0, sets * num_particles - candidates.shape[0]), (0, 0)), mode="edge")
         split = filled.reshape(sets, num_particles, -1)
-        return _Pool(split, jnp.full(split.shape[:2], jnp.inf, split.dtype), keep)
+        return _Pool(split, jnp.full(split.shape[:2], jnp.inf, split.dtype), candidates.shape[0], keep)
 
     @property
     def sets(self) -> int:
@@ -126,7 +128,7 @@ class _Pool(eqx.Module):
     def best(self, population: Float[Array, "extra dof"] | None) -> Float[Array, "extra_and_kept dof"]:
         """The population and the candidates of lowest energy."""
         every = self.candidates.reshape(-1, self.candidates.shape[-1])
-        kept = every[jax.lax.top_k(-self.energies.reshape(-1), self.keep)[1]]
+        kept = every[jax.lax.top_k(-self.energies.reshape(-1)[: self.count], self.keep)[1]]
         return kept if population is None else jnp.concatenate([population, kept])
 
 

@@ -149,6 +149,7 @@ def test_stepwise_with_a_host_energy_equals_the_compiled_loop(sampler):
 def test_the_best_of_a_pool_begin_beside_the_start(sampler):
     """Numbers of candidates that do not fill whole sets."""
     pool = jax.random.uniform(jax.random.key(5), (2 * PARTICLES + 7, DOFS), minval=LOWER, maxval=UPPER)
+    pool = pool.at[-1].set(TARGET + 0.01)  # the one that a set is filled up with
     best = pool[jnp.argsort(Bowl(TARGET)(pool))[:5]]
     key, limits, given = jax.random.key(0), (START, SPREAD, LOWER, UPPER), START[None] + 0.05
     expected, plain = searched(sampler, population=jnp.concatenate([given, best]))
