@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxmocap._results import InputError
 from jaxmocap.character import Character
 
 
@@ -30,7 +31,8 @@ class Retry:
     are wider than the mesh always stay uncovered. Of `tries` answers, twice as many for a hidden limb, the best is
     taken when it lowers the energy by `margin`. Behind the body a limb costs nothing, and one that is seen costs little
     only in its exact place: a hidden limb also gives way to an answer that is seen and raises the energy by less
-    than `slack`, or by less than `near` and less than `slack` once both are refined. The paper does not."""
+    than `slack`, or by less than `near` and less than `slack` once both are refined. While a limb stays hidden, and
+    nothing else calls for it, its searches take turns: one of every `turns` in each frame. The paper does not."""
 
     hidden: float = 0.5
     foreign: float = 0.48
@@ -40,6 +42,11 @@ class Retry:
     margin: float = 0.005
     slack: float = 0.001
     near: float = 0.01
+    turns: int = 3
+
+    def __post_init__(self) -> None:
+        if self.turns < 1:
+            raise InputError(f"the searches of a hidden limb take turns of {self.turns} frames; give 1 or more.")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from perturbed import moved, vertex_errors
 
+from jaxmocap import InputError
 from jaxmocap.energies import search_energy
 from jaxmocap.track import Effort, FrameTracker, Retry, SearchPlan, Tracker
 from jaxmocap.track._body_search import BodySearch
@@ -22,8 +23,9 @@ def body_search(world, retry):
     return FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).search
 
 
-def searched_again(world, retry, usual=0.0, last_seen=None):
+def searched_again(world, retry, usual=0.0, last_seen=None, hidden_for=0):
     search = body_search(world, retry)
+    search.hidden_for = [hidden_for] * 4
     start, problem = moved(world, FRAME, **BEHIND), world.problem(FRAME)
     search.left.append(usual)
     search.last_seen = [last_seen] * 4
@@ -78,13 +80,36 @@ def test_a_hidden_limb_gives_way_to_one_that_is_seen(world, rise, worse, asks, m
     assert taken is (shown if moves else hidden)
 
 
-def test_a_hidden_limb_is_also_searched_from_where_it_was_last_seen(world, monkeypatch):
+@pytest.fixture
+def begun(monkeypatch):
+    """The searches that were begun: the number of the group and the pose; each of them finds where it began."""
     begun = []
     monkeypatch.setattr(
         BodySearch,
         "group",
         lambda self, number, pose, *rest, **more: (begun.append((number, pose)) or pose, np.zeros(39)),
     )
+    return begun
+
+
+@pytest.mark.parametrize(
+    ("hidden_for", "missed", "begins"), [(0, False, 4), (1, False, 2), (2, False, 2), (1, True, 4)]
+)
+def test_while_a_limb_stays_hidden_its_searches_take_turns(world, begun, hidden_for, missed, begins):
+    """All in the first frame and where another reason calls for them, else half, one from where it was last seen."""
+    retry = Retry(foreign=2.0, uncovered=-1.0 if missed else 2.0, unusual=0.0, tries=2, turns=2)
+    start, _ = searched_again(world, retry, last_seen=world.pose(FRAME - 1), hidden_for=hidden_for)
+    mine = [pose for number, pose in begun if number == begun[0][0]]
+    assert len(mine) == begins
+    assert [bool(np.any(pose.angles != start.angles)) for pose in mine] == sorted([False, True] * (begins // 2))
+
+
+def test_take_turns_of_no_frames_is_refused():
+    with pytest.raises(InputError, match="turns of 0 frames"):
+        Retry(turns=0)
+
+
+def test_a_hidden_limb_is_also_searched_from_where_it_was_last_seen(world, begun):
     before, arm = world.pose(FRAME - 1), np.array(world.character.skeleton.group("l_arm")) - 6
     retry = Retry(foreign=2.0, uncovered=2.0, tries=2)
     start, _ = searched_again(world, retry, last_seen=before)
