@@ -13,7 +13,7 @@ from jaxmocap.observation import FrameImages, FrameProblem, Observations
 from ._frame import FrameTracker
 from ._frame_result import FrameResult
 
-FORMAT = 2
+FORMAT = 3
 _STATE = "state.npz"
 
 
