@@ -63,7 +63,7 @@ class BodySearch:
         self.outer_bodies = outer_halves(self.character)
         self.left: deque[float] = deque(maxlen=REMEMBERED)
         self.last_seen: list[Pose | None] = [None] * len(self.limbs)
-        self.hidden_for = [0] * len(self.limbs)
+        self.tried_for = np.zeros(len(self.limbs), int)
         self.restraint = Restraint(plan.calm, len(self.groups)) if plan.calm is not None else None
 
     def __call__(
@@ -124,7 +124,6 @@ class BodySearch:
         if self.plan.retry is not None:
             shown = self._shares(seen) >= self.plan.retry.hidden
             self.last_seen = [pose if s else last for s, last in zip(shown, self.last_seen, strict=True)]
-            self.hidden_for = [0 if s else frames + 1 for s, frames in zip(shown, self.hidden_for, strict=True)]
         if self.restraint is not None:
             self.restraint.learn(mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
 
@@ -134,14 +133,14 @@ class BodySearch:
         return {
             "left": self.left,
             "last_seen": self.last_seen,
-            "hidden_for": self.hidden_for,
+            "tried_for": self.tried_for,
             "sizes": [group.sizes for group in self.groups],
             "restraint": None if restraint is None else (restraint.known, restraint.skipped),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take over what `state` said."""
-        self.left, self.last_seen, self.hidden_for = state["left"], state["last_seen"], state["hidden_for"]
+        self.left, self.last_seen, self.tried_for = state["left"], state["last_seen"], state["tried_for"]
         for group, sizes in zip(self.groups, state["sizes"], strict=True):
             vars(group.sizes).update(vars(sizes))  # left and right share theirs
         if self.restraint is not None:
@@ -181,14 +180,14 @@ class BodySearch:
         settle: Callable[[Pose], Pose],
     ) -> Pose:
         """Limbs that seem lost, searched in turn from where the frame's search began and from where it ended; hidden
-        ones also from where they were last seen. Those that were hidden before have a part of these searches."""
+        ones also from where they were last seen. Those of the frame before have a part of these searches."""
         seen = look_at(self.character, pose, problem)
         doubtful = mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs) > retry.foreign
         hidden = self._shares(seen) < retry.hidden
         left, usual = unexplained(seen.ids, problem), np.median(self.left) if self.left else 0.0
         self.left.append(left)
-        doubtful |= left > max(retry.uncovered, retry.unusual * usual)
-        for limb in np.flatnonzero((doubtful | hidden) & (retry.tries > 0)):
+        doubtful |= hidden | (left > max(retry.uncovered, retry.unusual * usual))
+        for limb in np.flatnonzero(doubtful & (retry.tries > 0)):
             number = self.limbs[limb]
             dofs = self.groups[number].dofs
             starts = [(with_limb(pose, start, dofs), pose)[i % 2] for i in range(retry.tries)]
@@ -198,8 +197,8 @@ class BodySearch:
                 within += [(CLOSE, np.inf)[i % 2] for i in range(retry.tries)]
             keys = jax.random.split(self.key_of(frame, 100 + number), len(starts))
             searches = list(zip(starts, keys, within, strict=True))
-            if not doubtful[limb] and self.hidden_for[limb] > 0:
-                searches = searches[self.hidden_for[limb] % retry.turns :: retry.turns] or searches[:1]
+            if self.tried_for[limb] > 0:
+                searches = searches[self.tried_for[limb] % retry.turns :: retry.turns] or searches[:1]
             found = [self.group(number, begin, problem, None, key, within=reach)[0] for begin, key, reach in searches]
             totals, _ = self.score(problem, [pose, *found])
             best = int(np.argmin(totals[1:]))
@@ -207,6 +206,7 @@ class BodySearch:
                 pose = found[best]
             elif hidden[limb]:
                 pose = self._shown(retry, int(limb), [pose, *found], totals, problem, settle)
+        self.tried_for = np.where(doubtful, self.tried_for + 1, 0)
         return pose
 
     def _shown(

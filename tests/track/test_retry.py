@@ -23,9 +23,9 @@ def body_search(world, retry):
     return FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).search
 
 
-def searched_again(world, retry, usual=0.0, last_seen=None, hidden_for=0):
+def searched_again(world, retry, usual=0.0, last_seen=None, tried_for=0):
     search = body_search(world, retry)
-    search.hidden_for = [hidden_for] * 4
+    search.tried_for = np.full(4, tried_for)
     start, problem = moved(world, FRAME, **BEHIND), world.problem(FRAME)
     search.left.append(usual)
     search.last_seen = [last_seen] * 4
@@ -92,16 +92,23 @@ def begun(monkeypatch):
     return begun
 
 
-@pytest.mark.parametrize(
-    ("hidden_for", "missed", "begins"), [(0, False, 4), (1, False, 2), (2, False, 2), (1, True, 4)]
-)
-def test_while_a_limb_stays_hidden_its_searches_take_turns(world, begun, hidden_for, missed, begins):
-    """All in the first frame and where another reason calls for them, else half, one from where it was last seen."""
-    retry = Retry(foreign=2.0, uncovered=-1.0 if missed else 2.0, unusual=0.0, tries=2, turns=2)
-    start, _ = searched_again(world, retry, last_seen=world.pose(FRAME - 1), hidden_for=hidden_for)
-    mine = [pose for number, pose in begun if number == begun[0][0]]
-    assert len(mine) == begins
-    assert [bool(np.any(pose.angles != start.angles)) for pose in mine] == sorted([False, True] * (begins // 2))
+@pytest.mark.parametrize(("tried_for", "begins"), [(0, 4), (1, 2), (2, 2)])
+def test_limbs_of_the_frame_before_take_turns(world, begun, tried_for, begins):
+    """All searches in the first frame, then half of them, one from where the limb was last seen."""
+    retry = Retry(foreign=2.0, uncovered=2.0, tries=2, turns=2)
+    start, _ = searched_again(world, retry, last_seen=world.pose(FRAME - 1), tried_for=tried_for)
+    assert len({number for number, _ in begun}) == 1
+    assert [bool(np.any(pose.angles != start.angles)) for _, pose in begun] == sorted([False, True] * (begins // 2))
+
+
+def test_a_limb_that_was_left_alone_has_all_its_searches_again(world, begun):
+    search, problem = body_search(world, Retry()), world.problem(FRAME)
+    counts = []
+    for pose in (moved(world, FRAME, **BEHIND),) * 2 + (world.pose(FRAME), moved(world, FRAME, **BEHIND)):
+        begun.clear()
+        search._again(Retry(foreign=2.0, uncovered=2.0), pose, pose, problem, FRAME, lambda pose: pose)
+        counts.append(len(begun))
+    assert counts == [3, 1, 0, 3]
 
 
 def test_take_turns_of_no_frames_is_refused():
