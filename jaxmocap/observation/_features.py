@@ -233,15 +233,21 @@ def _matched(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.
     return points_from[keep], points_to[nearest[keep]]
 
 
+def _inliers(matches: Matches, settings: FeatureSettings, method: int) -> np.ndarray | None:
+    if settings.model == "homography":
+        return cv2.findHomography(*matches, method, settings.threshold)[1]
+    return cv2.findFundamentalMat(*matches, method, settings.threshold, 0.999, 5000)[1]
+
+
 def _consistent(matches: Matches, shape: tuple[int, ...], settings: FeatureSettings) -> Matches:
     """Matches that agree with a global model and with their block."""
     points_from, points_to = matches
     if len(points_from) < 8:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    if settings.model == "homography":
-        inlier = cv2.findHomography(points_from, points_to, cv2.USAC_MAGSAC, settings.threshold)[1]
-    else:
-        inlier = cv2.findFundamentalMat(points_from, points_to, cv2.USAC_MAGSAC, settings.threshold, 0.999, 5000)[1]
+    try:
+        inlier = _inliers(matches, settings, cv2.USAC_MAGSAC)
+    except cv2.error:  # MAGSAC asserts where its own refinement of a model finds none
+        inlier = _inliers(matches, settings, cv2.RANSAC)
     if inlier is None:
         return np.zeros((0, 2)), np.zeros((0, 2))
     points_from, points_to = points_from[inlier.ravel() > 0], points_to[inlier.ravel() > 0]
