@@ -31,8 +31,8 @@ class Retry:
     are wider than the mesh always stay uncovered. Of `tries` answers, twice as many for a hidden limb, the best is
     taken when it lowers the energy by `margin`. Behind the body a limb costs nothing, and one that is seen costs little
     only in its exact place: a hidden limb also gives way to an answer that is seen and raises the energy by less
-    than `slack`, or by less than `near` and less than `slack` once both are refined. Where a limb is
-    searched again in one frame after another, the searches take turns: one of every `turns`. The paper does not."""
+    than `slack`, or by less than `near` and less than `slack` once both are refined. Where a limb is searched again in
+    one frame after another, the searches take turns: one of every `turns`. The paper does not."""
 
     hidden: float = 0.5
     foreign: float = 0.48
@@ -46,7 +46,9 @@ class Retry:
 
     def __post_init__(self) -> None:
         if self.turns < 1:
-            raise InputError(f"limbs that are searched again take turns of {self.turns} frames; give 1 or more.")
+            raise InputError(
+                f"limbs that are searched again take turns of {self.turns} frames; set `turns` to 1 or more."
+            )
 
 
 @dataclass(frozen=True)

@@ -38,15 +38,13 @@ def square(shape, top, left, size):
 
 
 @pytest.mark.parametrize("model", ["fundamental", "homography"])
-def test_matches_that_opencv_asserts_on_are_checked_all_the_same(model):
-    """Eight points that all moved alike, and one wrong match eight times: no fundamental matrix is the only one."""
+def test_matches_that_magsac_asserts_on_are_checked_all_the_same(model):
+    """Eight points that all moved alike, and one wrong match eight times: no fundamental matrix is the only one.
+    OpenCV 5.0 ends in an assertion there."""
     random = np.random.default_rng(0)
     points = random.uniform(0, 300, (16, 2)).astype(np.float32)
     moved = points + np.float32([3, 1])
     points[:8], moved[:8] = points[0], random.uniform(0, 300, 2)
-    if model == "fundamental":
-        with pytest.raises(cv2.error, match="empty"):
-            cv2.findFundamentalMat(points, moved, cv2.USAC_MAGSAC, 1.0, 0.999, 5000)
     kept, found = _consistent((points, moved), (300, 300), FeatureSettings(model=model, blocks=0))
     assert {tuple(point) for point in points[8:]} <= {tuple(point) for point in kept}
     np.testing.assert_allclose(found[-8:] - kept[-8:], np.broadcast_to([3, 1], (8, 2)), atol=1e-3)
