@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmocap._types import Knob, knob
 from jaxmocap.observation import Clusters, FrameProblem
-from jaxmocap.render import WINDOW, KeyLayout, covered_tiles, crop, look_up, sum_over_tiles
+from jaxmocap.render import WINDOW, KeyLayout, covered_marks, crop, look_up, sum_over_tiles, tiles_at
 
 from ._body import Region, region_mask
 
@@ -132,7 +132,7 @@ class ModelView(eqx.Module):
             behind = look_up(background, row * width + column)
             return jnp.where(covered, covered_cost(foreground, behind, self.epsilon), -1.0)
 
-        total, _ = sum_over_tiles(covered_tiles(buffer, layout), cost)
+        total, _ = sum_over_tiles(tiles_at(covered_marks(buffer, layout)), cost)
         return total + jnp.where(crop(buffer) > layout.empty, 0.0, prepared.uncovered[camera]).sum()
 
 

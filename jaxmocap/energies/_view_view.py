@@ -11,7 +11,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._types import Knob, knob
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import WINDOW, KeyLayout, covered_tiles, crop, expand, look_up, sum_in_turns, sum_over_tiles
+from jaxmocap.render import (
+    WINDOW,
+    KeyLayout,
+    changed_marks,
+    crop,
+    expand,
+    look_up,
+    sum_in_turns,
+    sum_over_tiles,
+    tiles_at,
+)
 
 from ._body import Region, region_mask
 from ._model_view import TAU
@@ -72,6 +82,21 @@ def _in_region(row: Array, column: Array, region: Region, camera: int | Array) -
     return (row >= top) & (row < top + region.size[0]) & (column >= left) & (column < left + region.size[1])
 
 
+def _counted_up(marks: Bool[Array, "camera down across"]) -> Float[Array, "camera below right"]:
+    """How many marks are above and left of each corner of the tiles: a summed area table."""
+    down, across = (jnp.tril(jnp.ones((extent + 1, extent), jnp.float32), -1) for extent in marks.shape[1:])
+    return jnp.einsum("id,cda,ja->cij", down, marks.astype(jnp.float32), across, precision="highest")
+
+
+def _any_within(
+    table: Float[Array, "below right"], first: Int[Array, "2 down across"], end: Int[Array, "2 down across"]
+) -> Bool[Array, "down across"]:
+    """Whether a rectangle of tiles, from `first` to before `end`, holds any mark."""
+    width, flat = table.shape[1], table.reshape(-1)
+    corners = [look_up(flat, row * width + column) for row in (first[0], end[0]) for column in (first[1], end[1])]
+    return corners[3] - corners[2] - corners[1] + corners[0] > 0
+
+
 def _region_index(row: Array, column: Array, region: Region, camera: int | Array) -> Array:
     """Flat index into the region's bordered key buffer; clipped to it."""
     local_row = jnp.clip(row - region.corners[camera, 0], 0, region.size[0] - 1) + WINDOW
@@ -97,6 +122,17 @@ class _Far(NamedTuple):
     needed: Int[Array, "pair"]
 
 
+class _Known(NamedTuple):
+    """Of view m's tiles in the region while the part is not drawn: cost and number of the pixels that count, and the
+    box of tiles of view n's region in which their partners are, from its `first` row and column to before its `end`.
+    Cost and number hold for as long as no key changes in the tile or in that box."""
+
+    cost: Float[Array, "*pair down across"]
+    count: Float[Array, "*pair down across"]
+    first: Int[Array, "*pair 2 down across"]
+    end: Int[Array, "*pair 2 down across"]
+
+
 class _Places(NamedTuple):
     """What a pixel of view m needs of what is stored: its own colour, its `face` (-1: it is not covered), where in the
     key buffers its partner is `drawn` (-1: outside the region) or `elsewhere` in the base, and the `corner` of the
@@ -119,6 +155,8 @@ class _Prepared(NamedTuple):
     base: Int[Array, "camera pixel"]
     own: Int[Array, "camera padded_height padded_width"]
     far: _Far | None
+    below: Int[Array, "camera padded_height padded_width"]
+    known: _Known | None
 
 
 class ViewView(eqx.Module):
@@ -243,7 +281,49 @@ class ViewView(eqx.Module):
         if region.size != problem.size:
             ways = (pairs, between)
             far = lax.map(lambda way: self._far(way[0], way[1], base, region, packed, problem, layout), ways)
-        return _Prepared(pairs, between, packed, crop(base).reshape(problem.num_cameras, -1), own, far)
+        below = jnp.stack([region.cut(base[c], c, border=WINDOW) for c in cameras])
+        whole = crop(base).reshape(problem.num_cameras, -1)
+        bare = _Prepared(pairs, between, packed, whole, own, far, below, None)
+        known = lax.map(lambda way: self._known(*way, bare, region, problem, layout), (pairs, between))
+        return bare._replace(known=known)
+
+    def _known(
+        self,
+        pair: Array,
+        between: Carry,
+        bare: _Prepared,
+        region: Region,
+        problem: FrameProblem,
+        layout: KeyLayout,
+    ) -> _Known:
+        """For one pair."""
+        (m, n), (_, padded_height, padded_width) = pair, bare.below.shape
+        down, across = (-(-extent // WINDOW) for extent in region.size)
+        side = WINDOW // self.step
+        lanes = [(WINDOW * jnp.arange(n)[:, None] + self.step * jnp.arange(side)).reshape(-1) for n in (down, across)]
+        rows, columns = (grid.reshape(-1) for grid in jnp.meshgrid(*lanes, indexing="ij"))
+        places = self._places(between, bare.below, region, m, n, problem, layout, rows, columns)
+        cost = self._tile_cost(bare, bare.below, problem, layout, *lax.optimization_barrier(places))
+        met = (places.face >= 0) & places.inside & (places.drawn >= 0)
+        drawn = jnp.maximum(places.drawn - n * (padded_height * padded_width), 0)
+        partner = jnp.stack([drawn // padded_width, drawn % padded_width]) - WINDOW
+
+        def of_tiles(values: Array) -> Array:
+            return values.reshape(*values.shape[:-1], down, side, across, side)
+
+        beyond = max(down, across) * WINDOW
+        near = of_tiles(jnp.where(met, partner, beyond)).min((-3, -1)) - 1  # another program may round otherwise
+        far = of_tiles(jnp.where(met, partner, -2)).max((-3, -1)) + 1
+        first, end = jnp.maximum(near, 0) // WINDOW, far // WINDOW + 1
+        most = jnp.array([down, across], jnp.int32)[:, None, None]
+        first, end = jnp.minimum(first, most), jnp.minimum(end, most)
+        counted = cost >= 0
+        return _Known(
+            of_tiles(jnp.where(counted, cost, 0.0)).sum((-3, -1)),
+            of_tiles(counted.astype(jnp.float32)).sum((-3, -1)),
+            jnp.where(first < end, first, 0),
+            jnp.where(first < end, end, 0),
+        )
 
     def needed(self, prepared: _Prepared) -> Array:
         """Largest number of far pixels, to be compared with `capacity`."""
@@ -258,20 +338,26 @@ class ViewView(eqx.Module):
         problem: FrameProblem,
         layout: KeyLayout,
     ) -> Float[Array, ""]:
-        """Sum over ordered pairs of the mean over the covered pixels; tau for a view without any (M2 = 0)."""
+        """Sum over ordered pairs of the mean over the covered pixels; tau for a view without any (M2 = 0). Only pixels
+        whose key, or whose partner's key, is in a tile that the particle changes are scored anew."""
+        changed = changed_marks(buffers, prepared.below)
+        changes = _counted_up(changed)
 
-        def mean(pair: tuple[Array, Carry, _Far | None]) -> Array:
-            (m, n), between, far = pair
+        def mean(pair: tuple[Array, Carry, _Far | None, _Known]) -> Array:
+            (m, n), between, far, known = pair
             place = partial(self._places, between, buffers, region, m, n, problem, layout)
             seen = partial(self._tile_cost, prepared, buffers, problem, layout)
-            cost, count = sum_over_tiles(covered_tiles(buffers[m], layout), seen, self.step, place)
+            anew = changed[m] | _any_within(changes[n], known.first, known.end)
+            cost, count = sum_over_tiles(tiles_at(anew), seen, self.step, place)
+            cost += jnp.where(anew, 0.0, known.cost).sum()
+            count += jnp.where(anew, 0.0, known.count).sum()
             if far is not None:
                 again = partial(self._far_cost, far, buffers, n, problem, layout)
                 more_cost, more_count = sum_in_turns(jnp.minimum(far.needed, self.capacity), self.capacity, again)
                 cost, count = cost + far.fixed_cost + more_cost, count + far.fixed_count + more_count
             return jnp.where(count > 0, cost / jnp.maximum(count, 1.0), TAU)
 
-        return lax.map(mean, (prepared.pairs, prepared.between, prepared.far)).sum()
+        return lax.map(mean, (prepared.pairs, prepared.between, prepared.far, prepared.known)).sum()
 
     def _places(
         self,

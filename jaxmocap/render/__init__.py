@@ -8,9 +8,11 @@ from ._keys import WINDOW as WINDOW, KeyLayout as KeyLayout, crop as crop, empty
 from ._soft_faces import SoftFaces as SoftFaces, SoftSettings as SoftSettings, soft_faces as soft_faces
 from ._tiles import (
     Tiles as Tiles,
-    covered_tiles as covered_tiles,
+    changed_marks as changed_marks,
+    covered_marks as covered_marks,
     sum_in_turns as sum_in_turns,
     sum_over_tiles as sum_over_tiles,
+    tiles_at as tiles_at,
 )
 from ._windows import (
     Driver as Driver,

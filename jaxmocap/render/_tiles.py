@@ -1,45 +1,63 @@
-"""Covered tiles: the 8 x 8 squares of a key buffer with something in them.
+"""Tiles: the 8 x 8 squares of a key buffer, those that are covered, or that differ from what lay below.
 
-A person fills a small part of its rectangle. A mean over covered pixels whose every pixel is dear is therefore computed
-over the covered tiles, some hundred at a time, in a loop that is as long as the particle needs.
+A person fills a small part of its rectangle, and a limb a small part of the person. A sum over pixels each of which is
+dear is therefore computed over some tiles only, some dozen at a time, in a loop that is as long as the particle needs.
 """
 
 from collections.abc import Callable, Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._keys import WINDOW, KeyLayout
 from ._windows import look_up, running_sum
 
-_PIXELS_AT_ONCE = 2048
+_PIXELS_AT_ONCE = 512
 
 
 class Tiles(NamedTuple):
-    """Row and column of the first pixel of each covered tile, counted without the border; the first `count` are
-    meant."""
+    """Row and column of the first pixel of each tile, counted without the border; the first `count` are meant."""
 
     rows: Int[Array, "tile"]
     columns: Int[Array, "tile"]
     count: Int[Array, ""]
 
 
-def covered_tiles(buffer: Int[Array, "padded_height padded_width"], layout: KeyLayout) -> Tiles:
-    """The tiles of a key buffer in which a pixel is covered, in reading order. There is room for all."""
-    down, across = (-(-(extent - 2 * WINDOW) // WINDOW) for extent in buffer.shape)
-    inner = buffer[WINDOW : WINDOW * (down + 1), WINDOW : WINDOW * (across + 1)]
-    highest = inner.reshape(down, WINDOW, -1).max(1).reshape(down, across, WINDOW).max(2).reshape(-1)
-    covered = highest > layout.empty
-    ends = running_sum(covered.astype(jnp.int32))
-    slots = jnp.where(covered, ends - 1, highest.size)
-    row, column = (WINDOW * np.indices((down, across), np.int32)).reshape(2, -1)
+def _highest(values: Int[Array, "*lead padded_height padded_width"]) -> Int[Array, "*lead down across"]:
+    """Of each tile of a buffer with its border; the last tiles reach into it."""
+    down, across = (-(-(extent - 2 * WINDOW) // WINDOW) for extent in values.shape[-2:])
+    inner = values[..., WINDOW : WINDOW * (down + 1), WINDOW : WINDOW * (across + 1)]
+    rows = reduce(jnp.maximum, [inner[..., row::WINDOW, :] for row in range(WINDOW)])  # vectorised, unlike `max`
+    return rows.reshape(*rows.shape[:-1], across, WINDOW).max(-1)
+
+
+def covered_marks(
+    buffer: Int[Array, "*lead padded_height padded_width"], layout: KeyLayout
+) -> Bool[Array, "*lead down across"]:
+    """The tiles in which a pixel is covered."""
+    return _highest(buffer) > layout.empty
+
+
+def changed_marks(
+    buffer: Int[Array, "*lead padded_height padded_width"], below: Int[Array, "*lead padded_height padded_width"]
+) -> Bool[Array, "*lead down across"]:
+    """The tiles in which a key differs from that of another buffer."""
+    return _highest(buffer ^ below) > 0
+
+
+def tiles_at(marks: Bool[Array, "down across"]) -> Tiles:
+    """The marked tiles in reading order. There is room for all."""
+    marked = marks.reshape(-1)
+    ends = running_sum(marked.astype(jnp.int32))
+    slots = jnp.where(marked, ends - 1, marked.size)
+    starts = (WINDOW * np.indices(marks.shape, np.int32)).reshape(2, -1)
     rows, columns = (
-        jnp.zeros(highest.size, jnp.int32).at[slots].set(value, mode="drop", unique_indices=True)
-        for value in (row, column)
+        jnp.zeros(marked.size, jnp.int32).at[slots].set(value, mode="drop", unique_indices=True) for value in starts
     )
     return Tiles(rows, columns, ends[-1])
 

@@ -5,7 +5,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap.render import WINDOW, KeyLayout, covered_tiles, crop, empty_buffer, look_up, sum_in_turns, sum_over_tiles
+from jaxmocap.render import (
+    WINDOW,
+    KeyLayout,
+    changed_marks,
+    covered_marks,
+    crop,
+    empty_buffer,
+    look_up,
+    sum_in_turns,
+    sum_over_tiles,
+    tiles_at,
+)
 
 LAYOUT = KeyLayout.for_faces(100)
 
@@ -28,9 +39,21 @@ def test_tiles_are_those_with_a_covered_pixel(height, width, share):
     padded = np.pad(covered, ((0, -height % WINDOW), (0, -width % WINDOW)))
     expected = np.argwhere(padded.reshape(padded.shape[0] // WINDOW, WINDOW, -1, WINDOW).any((1, 3))) * WINDOW
     whole = empty_buffer(LAYOUT, height, width).at[WINDOW:-WINDOW, WINDOW:-WINDOW].set(crop(buffer_with(covered)))
-    tiles = covered_tiles(whole, LAYOUT)
+    tiles = tiles_at(covered_marks(whole, LAYOUT))
     count = int(tiles.count)
     np.testing.assert_array_equal(np.stack([tiles.rows[:count], tiles.columns[:count]], 1), expected)
+
+
+@pytest.mark.parametrize(("height", "width"), [(16, 24), (37, 50)])
+def test_changed_tiles_are_those_with_another_key(height, width):
+    below = np.asarray(buffer_with(some_pixels(height, width, 0.5)))
+    changed = some_pixels(height, width, 0.02, seed=1)
+    drawn = below + np.pad(changed, WINDOW).astype(np.int32)
+    padded = np.pad(changed, ((0, -height % WINDOW), (0, -width % WINDOW)))
+    expected = padded.reshape(padded.shape[0] // WINDOW, WINDOW, -1, WINDOW).any((1, 3))
+    assert 0 < expected.sum() < expected.size
+    both = jnp.stack([drawn, below]), jnp.stack([below, below])
+    np.testing.assert_array_equal(changed_marks(*both), [expected, np.zeros_like(expected)])
 
 
 @pytest.mark.parametrize("step", [1, 2, 4])
@@ -46,7 +69,7 @@ def test_sums_are_those_over_the_pixels_that_count(height, width, step):
         counted = (look_up(keys.reshape(-1), index) > LAYOUT.empty) & (rows < height) & (columns < width)
         return jnp.where(counted, look_up(padded.reshape(-1), index), -1.0)
 
-    total, count = jax.jit(lambda: sum_over_tiles(covered_tiles(keys, LAYOUT), cost, step))()
+    total, count = jax.jit(lambda: sum_over_tiles(tiles_at(covered_marks(keys, LAYOUT)), cost, step))()
     kept = covered[::step, ::step]
     assert int(count) == kept.sum()
     np.testing.assert_allclose(total, values[::step, ::step][kept].sum(dtype=np.float64), rtol=1e-5)
@@ -69,6 +92,6 @@ def test_tiles_under_vmap_are_those_of_each():
             index = (rows + WINDOW) * keys.shape[1] + columns + WINDOW
             return jnp.where(look_up(keys.reshape(-1), index) > LAYOUT.empty, 1.0, -1.0)
 
-        return sum_over_tiles(covered_tiles(keys, LAYOUT), cost)[1]
+        return sum_over_tiles(tiles_at(covered_marks(keys, LAYOUT)), cost)[1]
 
     np.testing.assert_array_equal(jax.vmap(area)(buffers), pictures.sum((1, 2)))
