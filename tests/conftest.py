@@ -38,11 +38,12 @@ def data() -> Path:
     return DATA
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Two notebooks run with the programs that the first one has compiled: not beside it, but when it is long done."""
-    later = [item for item in items if item.path.name.startswith(("01_", "05_")) and item.path.suffix == ".ipynb"]
-    others = [item for item in items if item not in later]
-    items[:] = [*others[: len(others) // 10], *later, *others[len(others) // 10 :]]
+    """Of the notebooks the first, which does the main job, is run each time; the others are long checks."""
+    for item in items:
+        if item.path.suffix == ".ipynb" and not item.path.name.startswith("00_"):
+            item.add_marker("slow")
 
 
 @pytest.fixture(autouse=True)

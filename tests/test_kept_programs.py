@@ -132,6 +132,7 @@ def test_programs_are_loaded_ahead(folder):
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").is_file(), reason="memory maps are counted on Linux only")
+@pytest.mark.slow
 def test_compiled_programs_are_dropped_before_memory_maps_run_out(folder, monkeypatch):
     def maps():
         gc.collect()

@@ -297,7 +297,11 @@ def corpus() -> list:
     for before, changes in BVH_CHANGES.items():
         cases += [(text[:40] or "none", "read-motion", "clip.bvh", replaced(before, text)) for text in changes]
     cases += [(kind, "read-motion", "clip.glb", damage) for kind, damage in (BYTES | GLB).items()]
-    return [pytest.param(*case[1:], id=f"{case[1]}-{case[2]}-{case[0]}") for case in cases]
+    marks = (), pytest.mark.slow, pytest.mark.slow  # every third each time
+    return [
+        pytest.param(*case[1:], id=f"{case[1]}-{case[2]}-{case[0]}", marks=marks[number % 3])
+        for number, case in enumerate(cases)
+    ]
 
 
 CASES = corpus()

@@ -168,7 +168,7 @@ def plaza():
     return Plaza(folder)
 
 
-@pytest.mark.parametrize("camera", [0, 1])
+@pytest.mark.parametrize("camera", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_the_warped_background_of_a_real_video_stays_near_and_the_person_far(plaza, camera):
     images = plaza.images(camera, [0, 10, 25, 50])
     mask, later_mask = plaza.mask(camera, 0), plaza.mask(camera, 50)

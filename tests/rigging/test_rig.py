@@ -93,6 +93,7 @@ def test_limits_contain_the_rest_pose_and_sides_mirror(rigged):
     assert left[0] > 0.1  # the subject's left
 
 
+@pytest.mark.slow
 def test_a_t_pose_turned_in_space_in_millimetres_with_noise():
     vertices, faces, joints = standing(small_person(), "T")
     turn = Rotation.from_euler("xyz", [40, 70, -130], degrees=True).as_matrix()

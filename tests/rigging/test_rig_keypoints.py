@@ -107,6 +107,7 @@ def test_a_scan_keeps_or_betters_its_joints(views, data, tmp_path):
     assert means[0] < means[1] + 0.1
 
 
+@pytest.mark.slow
 def test_by_the_command_line(one_arm_up, tmp_path, capsys):
     mesh, folder, out = tmp_path / "scan.ply", tmp_path / "pictures", tmp_path / "him.glb"
     trimesh.Trimesh(*one_arm_up[:2], process=False).export(mesh)
