@@ -300,7 +300,9 @@ class ViewView(eqx.Module):
         (m, n), (_, padded_height, padded_width) = pair, bare.below.shape
         down, across = (-(-extent // WINDOW) for extent in region.size)
         side = WINDOW // self.step
-        lanes = [(WINDOW * jnp.arange(n)[:, None] + self.step * jnp.arange(side)).reshape(-1) for n in (down, across)]
+        lanes = [
+            (WINDOW * jnp.arange(tiles)[:, None] + self.step * jnp.arange(side)).reshape(-1) for tiles in (down, across)
+        ]
         rows, columns = (grid.reshape(-1) for grid in jnp.meshgrid(*lanes, indexing="ij"))
         places = self._places(between, bare.below, region, m, n, problem, layout, rows, columns)
         cost = self._tile_cost(bare, bare.below, problem, layout, *lax.optimization_barrier(places))
