@@ -116,7 +116,7 @@ class BodySearch:
         share = 1.0 if limb else plan.trunk
         sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), share)
         spread = self.spread * plan.spread * pace * share
-        found = group(stages, sampler, self.character, pose, problem, spread, key, wide, within)
+        found = group(stages, sampler, self.character, pose, problem, spread, key, wide, within, plan.prior)
         return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
 
     def learn(self, seen: Seen, pose: Pose) -> None:

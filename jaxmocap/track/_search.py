@@ -97,8 +97,9 @@ class GroupResult(eqx.Module):
 
 
 class _ParticleEnergy(eqx.Module):
-    """Energy of group increments, as an array function a sampler can call. A particle whose windows do not fit into the
-    capacity counts as not finite; the capacity is chosen so that this does not happen near the answer."""
+    """Energy of group increments and their prior, as an array function a sampler can call. A particle whose windows do
+    not fit into the capacity counts as not finite; the capacity is chosen so that this does not happen near the answer.
+    """
 
     energy: SearchEnergy
     character: Character
@@ -107,6 +108,8 @@ class _ParticleEnergy(eqx.Module):
     problem: FrameProblem
     corners: Int[Array, "camera 2"]
     base: Base
+    spread: Float[Array, "group_dof"]
+    prior: Float[Array, ""]
     size: tuple[int, int] = eqx.field(static=True)
     capacity: int = eqx.field(static=True)
 
@@ -124,7 +127,9 @@ class _ParticleEnergy(eqx.Module):
             increments,
             self.capacity,
         )
-        return jnp.where(scores.needed > self.capacity, jnp.nan, scores.total)
+        moved = (values / jnp.maximum(self.spread, 1e-6)) ** 2
+        total = scores.total + self.prior * jnp.sum(moved / (1 + moved), axis=1)
+        return jnp.where(scores.needed > self.capacity, jnp.nan, total)
 
 
 @kept_jit
@@ -172,6 +177,7 @@ def wide_population(
 @run_often
 def _search(
     wide,
+    prior,
     stages,
     meshes,
     parts,
@@ -189,6 +195,7 @@ def _search(
     outer,
     key,
 ):
+    dofs = parts[0].dofs
     energies, needed_base, needed_far, views = [], [], [], []
     for stage, mesh, drawn, capacity in zip(stages, meshes, parts, capacities, strict=True):
         coarse = problem.coarser(stage.step)
@@ -196,12 +203,11 @@ def _search(
         coarse = coarse if mesh is None else replace(coarse, surface=mesh.surface)
         region = Region(corners // stage.step, (size[0] // stage.step, size[1] // stage.step))
         base = prepare_base(stage.energy, actor, drawn, pose, coarse, region, base_capacity)
-        energy = _ParticleEnergy(stage.energy, actor, drawn, pose, coarse, region.corners, base, region.size, capacity)
-        energies.append((energy, stage.iterations))
+        shared = (stage.energy, actor, drawn, pose, coarse, region.corners, base, spread[dofs], prior)
+        energies.append((_ParticleEnergy(*shared, region.size, capacity), stage.iterations))
         needed_base.append(base.needed)
         needed_far.append(base.needed_far)
         views.append((drawn, coarse, region, capacity))
-    dofs = parts[0].dofs
     start = jnp.zeros(dofs.shape[0])
     box = (spread[dofs], lower[dofs], upper[dofs])
     count = int(wide * sampler.num_particles)
@@ -284,11 +290,13 @@ class GroupSearch:
         key: PRNGKeyArray,
         wide: float = 0.0,
         within: float = np.inf,
+        prior: float = 0.0,
     ) -> GroupResult:
         """Search the group around `pose`. A capacity that overflows is enlarged and the search run again.
 
         `wide` is the share of the first particles that look further afield, see `wide_population`. No particle goes
-        further than `within` times the spread.
+        further than `within` times the spread. `prior` weighs what a particle pays for leaving the start, see
+        `SearchPlan`.
         """
         skeleton = character.skeleton
         free = jnp.array(ROOT_REACH)
@@ -315,6 +323,7 @@ class GroupSearch:
             )
             result = _search(
                 wide,
+                jnp.float32(prior),
                 sized,
                 tuple(mesh for mesh, _ in drawn),
                 tuple(part for _, part in drawn),

@@ -39,8 +39,11 @@ class SearchPlan:
     of a limb's first particles that look further afield (0 is the paper); `trunk` scales particles and spread of root
     and torso, which are large and move less than limbs; `calm` says when a group need not be searched, `retry` when a
     limb is searched again (None: never, the paper), `hindsight` when in an earlier frame; after a frame whose verdict
-    is "lost", root and torso are searched `reacquire` times further afield (0: never, the paper); `answer` "mean"
-    is the paper's. `groups` "whole" searches all 39 degrees of freedom at once instead of the paper's hierarchy, and
+    is "lost", root and torso are searched `reacquire` times further afield (0: never, the paper). `prior` is what a
+    particle pays for leaving the start in a degree of freedom, half of it at one deviation and never more than all
+    (Geman and McClure 1985): where the pictures leave a direction open, as depth when the views are close together, it
+    stays where flow and prediction put it (0: the paper, which has no motion prior here). `answer` "mean" is the
+    paper's. `groups` "whole" searches all 39 degrees of freedom at once instead of the paper's hierarchy, and
     then needs `particles`."""
 
     stages: tuple[Effort, ...] = (Effort(),)
@@ -52,6 +55,7 @@ class SearchPlan:
     retry: Retry | None = None
     hindsight: Hindsight | None = None
     reacquire: int = 0
+    prior: float = 0.0
     answer: Literal["mean", "best_if_better"] = "best_if_better"
     groups: Literal["hierarchy", "whole"] = "hierarchy"
 
@@ -180,10 +184,10 @@ class Tracker:
         habits = {"prediction": True, "angles": "roomier", "longest_flash": 3, "light": LightSettings()}
         if quality == "normal":
             economy = {"calm": Calm(), "retry": Retry(), "hindsight": Hindsight(), "reacquire": 3}
-            search = SearchPlan(efforts, particles=96, trunk=0.6, wide=0.25, **economy)
+            search = SearchPlan(efforts, particles=96, trunk=0.6, wide=0.25, prior=0.002, **economy)
             return Tracker(fast, search, plan, **habits)
         if quality == "draft":
-            coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6)
+            coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6, prior=0.002)
             return Tracker(fast, coarse, replace(plan, rounds=2), **habits)
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")
 

@@ -25,19 +25,20 @@ def searches(world):
 
 @pytest.fixture(scope="module")
 def find(world, searches):
-    """(start, found pose, result) of a limb perturbed by ten degrees in every joint."""
+    """(start, found pose, result) of a limb perturbed by ten `degrees` in every joint."""
 
-    def run(name, seed=0, key=3):
+    def run(name, seed=0, key=3, degrees=10, **options):
         search, skeleton = searches[name], world.character.skeleton
         delta = np.zeros(39, np.float32)
-        delta[list(search.dofs)] = np.deg2rad(np.random.default_rng(seed).choice([-10, 10], len(search.dofs)))
+        signs = np.random.default_rng(seed).choice([-1, 1], len(search.dofs))
+        delta[list(search.dofs)] = np.deg2rad(degrees * signs)
         start = clamp(skeleton, retract(skeleton, world.pose(FRAME), jnp.asarray(delta)))
         sampler = InteractingSimulatedAnnealing(
             num_particles=64, num_iterations=12, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
         )
         stages = (Stage(search_energy(step=2, sampling="nearest"), 1, 12),)
         spread, problem = initial_spread(world.character), world.problem(FRAME)
-        result = search(stages, sampler, world.character, start, problem, spread, jax.random.key(key))
+        result = search(stages, sampler, world.character, start, problem, spread, jax.random.key(key), **options)
         return start, retract(skeleton, start, result.increment), result
 
     return run
@@ -58,6 +59,24 @@ def test_a_limb_ten_degrees_off_is_brought_back(world, searches, find, name):
     np.testing.assert_array_equal(np.asarray(result.increment)[others], 0)
     skeleton = world.character.skeleton
     assert np.all((found.angles >= skeleton.lower - 1e-6) & (found.angles <= skeleton.upper + 1e-6))
+
+
+def test_with_a_prior_a_limb_stays_where_it_is_right_and_is_brought_back_where_it_is_not(world, searches, find):
+    """Turns that two views hardly see (an arm about its own axis) are left as they are, not drawn by chance."""
+    spread, errors = np.asarray(initial_spread(world.character)), {}
+    dofs = list(searches["l_arm"].dofs)
+    for prior in (0.0, 0.002):
+        moved = [np.asarray(find("l_arm", key=key, degrees=0, prior=prior)[2].increment)[dofs] for key in range(4)]
+        errors[prior] = np.sqrt(np.mean(np.square(moved / spread[dofs])))
+    assert errors[0.002] < 0.6 * errors[0.0]
+    start, found, _ = find("l_arm", prior=0.002)
+    before, after = (limb_errors(world, searches, "l_arm", pose).mean() for pose in (start, found))
+    assert after < 0.5 * before
+
+
+def test_a_strong_prior_holds_a_limb_at_the_start(find):
+    _, _, held = find("l_arm", degrees=0, prior=1e3)
+    assert np.abs(held.increment).max() < 1e-3
 
 
 def test_a_lost_arm_leaves_part_of_the_person_uncovered(world):
