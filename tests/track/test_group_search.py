@@ -25,7 +25,7 @@ def searches(world):
 
 @pytest.fixture(scope="module")
 def find(world, searches):
-    """(start, found pose, result) of a limb perturbed by ten `degrees` in every joint."""
+    """(start, found pose, result) of a limb perturbed by so many `degrees` in every joint."""
 
     def run(name, seed=0, key=3, degrees=10, **options):
         search, skeleton = searches[name], world.character.skeleton
@@ -63,12 +63,12 @@ def test_a_limb_ten_degrees_off_is_brought_back(world, searches, find, name):
 
 def test_with_a_prior_a_limb_stays_where_it_is_right_and_is_brought_back_where_it_is_not(world, searches, find):
     """Turns that two views hardly see (an arm about its own axis) are left as they are, not drawn by chance."""
-    spread, errors = np.asarray(initial_spread(world.character)), {}
+    spread, gone = np.asarray(initial_spread(world.character)), {}
     dofs = list(searches["l_arm"].dofs)
     for prior in (0.0, 0.002):
         moved = [np.asarray(find("l_arm", key=key, degrees=0, prior=prior)[2].increment)[dofs] for key in range(4)]
-        errors[prior] = np.sqrt(np.mean(np.square(moved / spread[dofs])))
-    assert errors[0.002] < 0.6 * errors[0.0]
+        gone[prior] = np.sqrt(np.mean(np.square(moved / spread[dofs])))
+    assert gone[0.002] < 0.6 * gone[0.0]
     start, found, _ = find("l_arm", prior=0.002)
     before, after = (limb_errors(world, searches, "l_arm", pose).mean() for pose in (start, found))
     assert after < 0.5 * before
