@@ -59,14 +59,15 @@ def test_a_frame_without_detections_is_tracked_by_its_pixels_alone(tracked):
 
 
 def test_detections_are_rows_of_the_refinement(world, tmp_path):
-    """Limbs 12 degrees off are farther than their contours look."""
+    """Limbs 8 degrees off are farther than their contours look; with detections three rounds bring them home, while
+    from 12 degrees rounding decides how far three rounds come."""
     folder = world.write_keypoints(tmp_path / "keypoints", (1,))
     observations = world.observations(Detections.open(world.capture, folder))
-    start, shown, rectangle = perturbed(world, 1, 12.0, kind="limbs"), world.shown(1), world.rectangle(1)
+    start, shown, rectangle = perturbed(world, 1, 8.0, kind="limbs"), world.shown(1), world.rectangle(1)
     problem = observations.problem(shown, rectangle, start)
     errors = []
     for detections in (None, DetectionPlan(scale=0.02)):
         refinement = Refinement(observations, RefinePlan(rounds=3), detections)
         pose, _ = refinement(start, shown, problem, rectangle, None)
         errors.append(vertex_errors(world, 1, pose).mean())
-    assert errors[1] < 0.5 * errors[0]
+    assert errors[1] < 0.1 * errors[0]
