@@ -4,6 +4,7 @@ import json
 import re
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from jaxmocap._results import InputError
@@ -83,8 +84,32 @@ def test_a_planted_regression_is_found(rows, tmp_path):
         if one["method"] == "ours" and one["capture"] == "street":
             one["marker_error_cm"] += 1.0
     found = complaints(figures_of(rows), baseline)
-    assert len(found) == 1
+    assert len(found) == 2
     assert found[0].startswith("comparison, street, ours: marker error: 4.1 cm, was 3.1")
+    assert found[1].startswith("comparison, mean of 2 captures, ours: marker error: 3.1 cm, was 2.6")
+
+
+def one_seed(errors):
+    return [row("comparison", "ours", f"capture {n}", 0, float(error)) for n, error in enumerate(errors)]
+
+
+def test_chance_of_single_runs_passes_the_gate_and_what_all_of_them_lose_does_not(tmp_path):
+    """With one seed a run may be 0.8 cm off by chance, six of them not all 0.8 cm to one side."""
+    before, baseline = np.array([2.8, 2.0, 2.8, 1.8, 2.5, 3.2]), tmp_path / "figures.json"
+    write_figures(figures_of(one_seed(before)), baseline)
+    assert complaints(figures_of(one_seed(before + [0.8, -0.8, 0.8, -0.8, 0.8, -0.8])), baseline) == []
+    (found,) = complaints(figures_of(one_seed(before + 0.8)), baseline)
+    assert found.startswith("comparison, mean of 6 captures, ours: marker error")
+    assert len(complaints(figures_of(one_seed(before + [2.0, 0, 0, 0, 0, 0])), baseline)) == 1
+
+
+def test_seeds_that_agree_make_the_gate_narrow(tmp_path):
+    """A third of a centimetre is much where three seeds differ by a hundredth."""
+    baseline = tmp_path / "figures.json"
+    three = [row("comparison", "ours", "square", seed, 2.0 + 0.01 * seed) for seed in range(3)]
+    write_figures(figures_of(three), baseline)
+    worse_by = [one | {"marker_error_cm": one["marker_error_cm"] + 0.33} for one in three]
+    assert len(complaints(figures_of(worse_by), baseline)) == 1
 
 
 def test_another_failure_and_a_figure_that_is_missing_are_regressions(rows, tmp_path):
