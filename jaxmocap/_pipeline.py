@@ -125,8 +125,8 @@ def track_capture(
     begin = time.perf_counter()
     make_room()
     run_like = {"path": str(Path(path).resolve()), "quality": quality, "settings": dict(settings or {})}
-    capture = Capture.open(path)
     load_ahead(run_like)
+    capture = Capture.open(path)
     character = open_character(capture, actor, say)
     overrides = read_pose_file(pose_file) if pose_file is not None else None
     if detections is None and detections_frames is not None:
@@ -165,6 +165,7 @@ def track_capture(
                 f"the pose file {pose_file} sets frame {unknown[0]}, which is not registered; the selected frames of "
                 f"capture '{capture.name}' are {', '.join(map(str, selected))}."
             )
+        capture.look_ahead(selected)
         key = jax.random.key(seed)
 
         def make() -> Prepared:

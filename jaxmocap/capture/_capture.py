@@ -1,5 +1,7 @@
 """A capture: synchronised videos of one person, with cameras, keypoints and masks where they exist."""
 
+import contextlib
+import itertools
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
@@ -187,6 +189,19 @@ class Capture:
                     access.images.popitem(last=False)
             access.images.move_to_end(key)
             return access.images[key]
+
+    def look_ahead(self, frames: Sequence[int]) -> None:
+        """Begin to decode the first of these frames, as many as are kept, in a thread. What goes wrong there is said
+        when they are asked for."""
+        pairs = list(itertools.product(frames, range(self.num_cameras)))[:_CACHED_IMAGES]
+        _ = self._random_access  # which copies of this capture share
+
+        def decode() -> None:
+            with contextlib.suppress(InputError, OSError):
+                for frame, camera in pairs:
+                    self.image(camera, frame)
+
+        threading.Thread(target=decode, name="frames ahead").start()
 
     def mask(self, camera_index: int, frame: int) -> Bool[np.ndarray, "height width"] | None:
         """The person's mask, undistorted like the image; None if there is none for this camera and frame."""

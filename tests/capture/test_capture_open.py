@@ -1,6 +1,7 @@
 import dataclasses
 import gc
 import json
+import threading
 import tracemalloc
 from pathlib import Path
 
@@ -71,6 +72,35 @@ def test_images_are_cached_and_protected(small: Path):
     for frame in range(12):
         capture.image(0, frame)
     assert capture.image(0, 3) is not first
+
+
+def test_frames_looked_ahead_at_are_decoded_once_and_the_same(small: Path):
+    capture = Capture.open(small)
+    capture.look_ahead((2, 7))
+    assert joined("frames ahead")
+    copy = capture.with_selected_frames((2, 7))
+    plain = Capture.open(small)
+    for frame, camera in ((2, 0), (2, 1), (7, 0), (7, 1)):
+        image = copy.image(camera, frame)
+        assert image is capture.image(camera, frame)
+        np.testing.assert_array_equal(image, plain.image(camera, frame))
+
+
+def test_what_cannot_be_looked_ahead_at_is_told_by_whoever_asks(small: Path):
+    capture = Capture.open(small)
+    (small / "cam1.mp4").write_bytes(b"no video")
+    capture.look_ahead((2,))
+    assert joined("frames ahead")
+    with pytest.raises(InputError, match=r"cam1\.mp4"):
+        capture.image(1, 2)
+
+
+def joined(name: str) -> bool:
+    """Whether there is no thread of that name any more."""
+    for thread in threading.enumerate():
+        if thread.name == name:
+            thread.join(10)
+    return all(thread.name != name for thread in threading.enumerate())
 
 
 def test_streaming_a_long_capture_needs_no_more_memory_than_a_short_one(tmp_path: Path):
