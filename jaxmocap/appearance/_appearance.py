@@ -93,16 +93,16 @@ class Appearance(eqx.Module):
             raise InputError(f"The stored appearance has format {found}, this version reads {FORMAT}; fit it again.")
         try:
             models = {
-                name: ColourModel(*(jnp.asarray(arrays[f"{name}.{field.name}"]) for field in fields(ColourModel)))
+                name: ColourModel(*(jax.device_put(arrays[f"{name}.{field.name}"]) for field in fields(ColourModel)))
                 for name in ("foreground", "background")
             }
             return cls(
                 ForegroundModel(
                     models["foreground"],
-                    jnp.asarray(arrays["foreground.pixel_counts"]),
-                    jnp.asarray(arrays["foreground.source"]),
+                    jax.device_put(arrays["foreground.pixel_counts"]),
+                    jax.device_put(arrays["foreground.source"]),
                 ),
-                BackgroundModel(models["background"], jnp.asarray(arrays["background.source"])),
+                BackgroundModel(models["background"], jax.device_put(arrays["background.source"])),
                 palette_from_colours(arrays["palette"]),
                 _settings_from(AppearanceSettings, json.loads(str(arrays["settings"]))),
                 tuple(int(frame) for frame in arrays["selected_frames"]),

@@ -40,6 +40,11 @@ class ForegroundSettings(eqx.Module):
     erosion: int = eqx.field(static=True, default=1)
 
 
+@jax.jit
+def _one(colours: ColourModel, camera: int) -> ColourModel:
+    return jax.tree.map(lambda leaf: leaf[camera], colours)
+
+
 class ForegroundModel(eqx.Module):
     """Colour models of the mesh triangles per camera.
 
@@ -53,7 +58,7 @@ class ForegroundModel(eqx.Module):
 
     def camera(self, camera: int) -> ColourModel:
         """The models one camera uses."""
-        return jax.tree.map(lambda leaf: leaf[camera], self.colours)
+        return _one(self.colours, camera)
 
     def mean_colours(self) -> Float[Array, "camera face 3"]:
         """Mean RGB per triangle in [0, 1]; zero where `colours.valid` is false."""

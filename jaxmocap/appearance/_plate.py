@@ -109,8 +109,8 @@ def plate_distance(
     within `reach` pixels, and `unknown` where the plate is not known."""
     settings = PlateSettings() if settings is None else settings
     pictures = _smoothed(plate.picture, settings.blur), _smoothed(image, settings.blur)
-    distance = jnp.minimum(_least_square(*pictures, settings) / settings.s0**2, tau)
-    return np.where(plate.known, np.asarray(distance), np.float32(settings.unknown))
+    distance = np.asarray(_least_square(*pictures, settings)) / np.float32(settings.s0) ** 2
+    return np.where(plate.known, np.minimum(distance, np.float32(tau)), np.float32(settings.unknown))
 
 
 def renewed_plate(

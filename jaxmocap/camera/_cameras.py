@@ -44,9 +44,11 @@ class Cameras(eqx.Module):
 
     def resized(self, sizes: tuple[tuple[int, int], ...]) -> "Cameras":
         """The same cameras with pictures of other (width, height), which see as much."""
+        if sizes == self.sizes:
+            return self
         factors = jnp.array(sizes) / jnp.array(self.sizes)
         scale = jnp.concatenate([factors, jnp.ones_like(factors[:, :1])], axis=1)[:, :, None]
-        return replace(self, sizes=sizes, intrinsics=self.intrinsics * scale) if sizes != self.sizes else self
+        return replace(self, sizes=sizes, intrinsics=self.intrinsics * scale)
 
     def centres(self) -> Float[Array, "camera frame 3"]:
         """Optical centres in the world, metres: -R^T t."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from jaxmocap._results import InputError
@@ -110,9 +110,9 @@ def examine_cameras(
         result = Cameras(
             names,
             tuple(camera[0] for camera in cameras),
-            jnp.asarray(np.stack([camera[1] for camera in cameras]), jnp.float32),
-            jnp.asarray(np.stack([camera[2] for camera in cameras]), jnp.float32),
-            jnp.asarray(np.broadcast_to(poses, (*frames.shape, 4, 4)), jnp.float32),
+            jax.device_put(np.stack([camera[1] for camera in cameras]).astype(np.float32)),
+            jax.device_put(np.stack([camera[2] for camera in cameras]).astype(np.float32)),
+            jax.device_put(np.broadcast_to(poses, (*frames.shape, 4, 4)).astype(np.float32)),
         )
     return result, problems
 

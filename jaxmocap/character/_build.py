@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -67,7 +68,7 @@ def _axis(dof: Dof, segments: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _array(values: object) -> jnp.ndarray:
-    return jnp.asarray(np.asarray(values, dtype=np.float64), dtype=jnp.result_type(float))
+    return jax.device_put(np.asarray(values, dtype=jnp.result_type(float)))
 
 
 def _groups(dofs: tuple[Dof, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from jaxmocap._results import InputError
@@ -82,9 +82,9 @@ def character_from_mesh(
     return kind(
         name=name,
         skeleton=build_skeleton({**seen, **joints}, arm),
-        vertices=jnp.asarray(vertices, jnp.float32),
-        faces=jnp.asarray(faces, jnp.int32),
-        weights=jnp.asarray(weights, jnp.float32),
+        vertices=jax.device_put(np.asarray(vertices, np.float32)),
+        faces=jax.device_put(np.asarray(faces, np.int32)),
+        weights=jax.device_put(np.asarray(weights, np.float32)),
     )
 
 

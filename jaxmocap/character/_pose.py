@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmocap.geometry import matmul, rigid, se3_exp, so3_exp, so3_log
@@ -23,7 +24,7 @@ class Pose(eqx.Module):
 def rest_pose(skeleton: Skeleton) -> Pose:
     """The pose the mesh was made in: identity root, zero angles."""
     dtype = skeleton.axes.dtype
-    return Pose(root=jnp.eye(4, dtype=dtype), angles=jnp.zeros(skeleton.num_angles, dtype))
+    return Pose(root=jnp.asarray(np.eye(4), dtype), angles=jnp.zeros(skeleton.num_angles, dtype))
 
 
 def pelvis_position(skeleton: Skeleton, pose: Pose) -> Float[Array, "3"]:

@@ -1,6 +1,6 @@
 """A character with fewer faces, for drawing it small."""
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import trimesh
 from jaxtyping import Int
@@ -29,6 +29,6 @@ def simplify(character: Character, num_faces: int) -> tuple[Character, Int[np.nd
     weights = np.einsum("vk,vkb->vb", share, np.asarray(character.weights)[index]).astype(np.float32)
     _, nearest = KDTree(points[triangles].mean(1)).query(vertices[faces].mean(1))
     simple = Character(
-        character.name, character.skeleton, jnp.asarray(points), jnp.asarray(triangles), jnp.asarray(weights)
+        character.name, character.skeleton, jax.device_put(points), jax.device_put(triangles), jax.device_put(weights)
     )
     return simple, np.asarray(nearest)

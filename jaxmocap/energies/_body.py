@@ -56,7 +56,7 @@ def body_part(character: Character, dofs: tuple[int, ...], least_faces: int = 0,
     more_faces, more_vertices = max(least_faces - local.shape[1], 0), max(least_vertices - len(used), 0)
     return BodyPart(
         num_faces=len(faces),
-        dofs=jnp.asarray(dofs, jnp.int32),
+        dofs=jax.device_put(np.asarray(dofs, np.int32)),
         faces=jax.device_put(np.pad(local, ((0, 0), (0, more_faces)))),
         face_numbers=jax.device_put(np.pad(np.flatnonzero(moves).astype(np.int32), (0, more_faces))),
         vertices=jax.device_put(np.pad(vertices[used], ((0, more_vertices), (0, 0)), mode="edge")),

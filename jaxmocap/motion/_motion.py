@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -127,11 +126,11 @@ class Motion:
     @property
     def poses(self) -> Pose:
         """All poses, stacked along the first axis."""
-        return Pose(root=jnp.asarray(self.root), angles=jnp.asarray(self.angles))
+        return Pose(root=jax.device_put(self.root), angles=jax.device_put(self.angles))
 
     def pose(self, index: int) -> Pose:
         """The pose at position `index` of this motion."""
-        return Pose(root=jnp.asarray(self.root[index]), angles=jnp.asarray(self.angles[index]))
+        return Pose(root=jax.device_put(self.root[index]), angles=jax.device_put(self.angles[index]))
 
     def vertices(self, index: int) -> Float[np.ndarray, "vertex 3"]:
         """The skinned mesh (Eq. 1) at position `index` of this motion, metres."""
@@ -188,6 +187,7 @@ class Motion:
 _skin = jax.jit(skin)
 _joints = jax.jit(jax.vmap(landmark_positions, in_axes=(None, 0)))
 _transforms = jax.jit(jax.vmap(body_transforms, in_axes=(None, 0)))
+_rows = jax.jit(lambda array, positions: array[:, positions])
 _pose_vectors = jax.jit(jax.vmap(pose_vector, in_axes=(None, 0)))
 
 
@@ -205,7 +205,7 @@ def cameras_at(cameras: Cameras, positions: Sequence[int] | np.ndarray) -> Camer
     positions = np.asarray(positions)
     if len(positions) and positions.max() >= cameras.num_frames:
         raise InputError(f"Frame {positions.max()} has no camera pose: the cameras cover {cameras.num_frames} frames.")
-    return replace(cameras, cam_from_world=cameras.cam_from_world[:, positions])
+    return replace(cameras, cam_from_world=_rows(cameras.cam_from_world, positions))
 
 
 def _validate(motion: Motion) -> None:

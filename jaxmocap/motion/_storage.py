@@ -34,7 +34,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from jaxmocap._atomic import atomic_path, json_text, npz_bytes, plain
@@ -180,24 +180,24 @@ def _motion(arrays: dict[str, np.ndarray]) -> Motion:
         parents=_integers(arrays["body_parents"]),
         dof_names=_words(arrays["dof_names"]),
         dof_body=_integers(arrays["dof_body"]),
-        axes=jnp.asarray(arrays["dof_axes"]),
-        origins=jnp.asarray(arrays["dof_origins"]),
-        lower=jnp.asarray(arrays["dof_lower"]),
-        upper=jnp.asarray(arrays["dof_upper"]),
+        axes=jax.device_put(arrays["dof_axes"]),
+        origins=jax.device_put(arrays["dof_origins"]),
+        lower=jax.device_put(arrays["dof_lower"]),
+        upper=jax.device_put(arrays["dof_upper"]),
         groups=tuple(
             (name, dofs[start : start + size])
             for name, start, size in zip(_words(arrays["group_names"]), starts, sizes, strict=False)
         ),
         landmark_names=_words(arrays["joint_names"]),
         landmark_bodies=_integers(arrays["landmark_bodies"]),
-        landmarks=jnp.asarray(arrays["landmarks"]),
+        landmarks=jax.device_put(arrays["landmarks"]),
     )
     character = Character(
         name=str(arrays["character_name"]),
         skeleton=skeleton,
-        vertices=jnp.asarray(arrays["vertices"]),
-        faces=jnp.asarray(arrays["faces"]),
-        weights=jnp.asarray(arrays["weights"]),
+        vertices=jax.device_put(arrays["vertices"]),
+        faces=jax.device_put(arrays["faces"]),
+        weights=jax.device_put(arrays["weights"]),
     )
     _check_character(arrays)
     cameras = None
@@ -205,9 +205,9 @@ def _motion(arrays: dict[str, np.ndarray]) -> Motion:
         cameras = Cameras(
             names=_words(arrays["camera_names"]),
             sizes=tuple((int(width), int(height)) for width, height in arrays["camera_sizes"]),
-            intrinsics=jnp.asarray(arrays["camera_intrinsics"]),
-            distortion=jnp.asarray(arrays["camera_distortion"]),
-            cam_from_world=jnp.asarray(arrays["cam_from_world"]),
+            intrinsics=jax.device_put(arrays["camera_intrinsics"]),
+            distortion=jax.device_put(arrays["camera_distortion"]),
+            cam_from_world=jax.device_put(arrays["cam_from_world"]),
         )
     return Motion(
         character=character,

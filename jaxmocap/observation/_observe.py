@@ -5,13 +5,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
+from jaxmocap._kept_programs import kept_jit
 from jaxmocap.appearance import (
     Appearance,
     AppearanceSettings,
+    ColourSettings,
+    ForegroundModel,
     GridWarp,
     background_distance,
     carried_plate,
@@ -75,19 +79,20 @@ def full_image_ids(
 ) -> list[np.ndarray]:
     """Face numbers over the whole image of every camera, -1 where the mesh is not seen."""
     view = cameras.at(frame)
+    intrinsics, cam_from_world = np.asarray(view.intrinsics), np.asarray(view.cam_from_world)
     result = []
     for camera, (width, height) in enumerate(cameras.sizes):
         pick = slice(camera, camera + 1)
         ids, _ = face_ids(
             vertices,
             character.faces,
-            view.intrinsics[pick],
-            view.cam_from_world[pick],
-            jnp.zeros((1, 2), jnp.int32),
+            intrinsics[pick],
+            cam_from_world[pick],
+            np.zeros((1, 2), np.int32),
             height,
             width,
         )
-        result.append(np.asarray(ids[0]))
+        result.append(np.asarray(ids)[0])
     return result
 
 
@@ -128,7 +133,7 @@ def fit_capture_appearance(
 def surface_of(character: Character, appearance: Appearance | None, num_cameras: int) -> Surface:
     """The character's tables for scoring. Without an appearance (registration) every face is at distance tau."""
     faces = np.asarray(character.faces)
-    near = jnp.asarray(pack_rows(faces_within(faces, GEODESIC_STEPS)))
+    near = jax.device_put(pack_rows(faces_within(faces, GEODESIC_STEPS)))
     if appearance is None:
         return Surface(
             jnp.ones((num_cameras, len(faces), 1), jnp.float16),
@@ -137,13 +142,16 @@ def surface_of(character: Character, appearance: Appearance | None, num_cameras:
             jnp.zeros((num_cameras, len(faces)), bool),
         )
     tables = jnp.stack([appearance.foreground_table(camera) for camera in range(num_cameras)])
-    models = [appearance.foreground.camera(camera) for camera in range(num_cameras)]
-    means = jnp.stack([model.means for model in models])
-    whiten, offset = (
-        jnp.stack(parts) for parts in zip(*(whitening(m, appearance.settings.colour) for m in models), strict=True)
-    )
-    clusters = Clusters(means, whiten, offset, appearance.settings.colour)
-    return Surface(tables, near, appearance.foreground.mean_colours(), appearance.foreground.source > 0, clusters)
+    mean_colours, known, clusters = _clusters(appearance.foreground, appearance.settings.colour)
+    return Surface(tables, near, mean_colours, known, clusters)
+
+
+@kept_jit
+def _clusters(
+    foreground: ForegroundModel, colour: ColourSettings
+) -> tuple[Float[Array, "camera face 3"], Bool[Array, "camera face"], Clusters]:
+    clusters = Clusters(foreground.colours.means, *whitening(foreground.colours, colour), colour)
+    return foreground.mean_colours(), foreground.source > 0, clusters
 
 
 def simplified_surface(
@@ -153,20 +161,21 @@ def simplified_surface(
     it stands for, and geodesic steps are longer."""
     count, order = len(faces), np.argsort(nearest, kind="stable")
     present, first = np.unique(nearest[order], return_index=True)
-    tables = np.asarray(surface.colour_distance)
+    tables, mean_colour = np.asarray(surface.colour_distance), np.asarray(surface.mean_colour)
+    known_faces = np.asarray(surface.has_colour)
     merged = np.ones((tables.shape[0], count, tables.shape[2]), tables.dtype)
     colours, known = np.zeros((tables.shape[0], count, 3), np.float32), np.zeros((tables.shape[0], count), bool)
     for camera in range(len(tables)):
         merged[camera, present] = np.minimum.reduceat(tables[camera][order], first, axis=0)
-        has = np.asarray(surface.has_colour[camera])
+        has = known_faces[camera]
         weights = np.bincount(nearest, has, minlength=count)
         known[camera] = weights > 0
         for channel in range(3):
-            total = np.bincount(nearest, np.where(has, surface.mean_colour[camera, :, channel], 0.0), minlength=count)
+            total = np.bincount(nearest, np.where(has, mean_colour[camera, :, channel], 0.0), minlength=count)
             colours[camera, :, channel] = total / np.maximum(weights, 1)
     steps = max(1, round(GEODESIC_STEPS * np.sqrt(count / len(nearest))))
-    near = jnp.asarray(pack_rows(faces_within(faces, steps)))
-    return Surface(jnp.asarray(merged), near, jnp.asarray(colours), jnp.asarray(known))
+    near = jax.device_put(pack_rows(faces_within(faces, steps)))
+    return Surface(jax.device_put(merged), near, jax.device_put(colours), jax.device_put(known))
 
 
 def build_problem(
@@ -182,26 +191,31 @@ def build_problem(
     keypoints: Float[np.ndarray, "camera 25 3"] | None = None,
 ) -> FrameProblem:
     """Assemble the arrays of one frame. `vertices` (any pose near the answer) place the range of depths."""
+    # arrays of the host by `device_put`: JAX 0.10 compiles a copy for every shape that `jnp.asarray` meets
     view = cameras.at(frame)
     crops = [rectangle.crop(image, camera) for camera, image in enumerate(images)]
     edges = [image_edges(crop) for crop in crops] if edges is None else edges
     shape = (len(crops), rectangle.height, rectangle.width)
-    points = jnp.asarray(vertices)
-    ranges = [inverse_depth_range(points, view.cam_from_world[c], DEPTH_SLACK) for c in range(len(crops))]
+    ranges = [inverse_depth_range(vertices, pose, DEPTH_SLACK) for pose in np.asarray(view.cam_from_world)]
+    labels = [np.zeros(shape[1:], np.int32)] * len(crops) if labels is None else labels
+    background = [np.ones(shape[1:], np.float32)] * len(crops) if background is None else background
     return FrameProblem(
         intrinsics=view.intrinsics,
         cam_from_world=view.cam_from_world,
-        origins=jnp.asarray(rectangle.origins, jnp.int32),
-        image=jnp.asarray(np.stack(crops).astype(np.float32) / 255),
-        labels=jnp.zeros(shape, jnp.int32) if labels is None else jnp.asarray(np.stack(labels).astype(np.int32)),
-        background=jnp.ones(shape) if background is None else jnp.asarray(np.stack(background).astype(np.float32)),
-        depth_range=jnp.stack(ranges),
-        area=jnp.asarray(rectangle.area, jnp.float32),
+        origins=jax.device_put(np.asarray(rectangle.origins, np.int32)),
+        image=jax.device_put(np.stack(crops).astype(np.float32) / 255),
+        labels=jax.device_put(np.stack(labels).astype(np.int32)),
+        background=jax.device_put(np.stack(background).astype(np.float32)),
+        depth_range=jax.device_put(np.stack(ranges)),
+        area=jax.device_put(np.float32(rectangle.area)),
         edges=Edges(
-            jnp.asarray(np.stack([e[0] for e in edges])), jnp.asarray(np.stack([e[1] for e in edges]), jnp.float32)
+            jax.device_put(np.stack([e[0] for e in edges])),
+            jax.device_put(np.stack([e[1] for e in edges]).astype(np.float32)),
         ),
         surface=surface,
-        keypoints=jnp.zeros((len(crops), 25, 3)) if keypoints is None else jnp.asarray(keypoints, jnp.float32),
+        keypoints=jax.device_put(
+            np.zeros((len(crops), 25, 3), np.float32) if keypoints is None else np.asarray(keypoints, np.float32)
+        ),
     )
 
 

@@ -1,10 +1,11 @@
 """Face numbers and inverse depth of a posed mesh in every view."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
+
+from jaxmocap._kept_programs import kept_jit
 
 from ._keys import KeyLayout, crop, empty_buffer
 from ._windows import draw, to_screen, window_jobs
@@ -17,6 +18,7 @@ def projection_matrices(
     return intrinsics @ cam_from_world[..., :3, :]
 
 
+@jax.jit
 def inverse_depth_range(
     vertices: Float[Array, "vertex 3"], cam_from_world: Float[Array, "4 4"], slack: float = 0.0
 ) -> Float[Array, "2"]:
@@ -28,7 +30,7 @@ def inverse_depth_range(
     return jnp.stack([1.0 / farthest, 1.0 / nearest])
 
 
-@partial(jax.jit, static_argnames=("height", "width", "capacity"))
+@kept_jit
 def _face_ids(vertices, faces, intrinsics, cam_from_world, origins, height, width, capacity):
     layout = KeyLayout.for_faces(faces.shape[0])
     numbers = jnp.arange(faces.shape[0], dtype=jnp.int32)
@@ -47,11 +49,11 @@ def _face_ids(vertices, faces, intrinsics, cam_from_world, origins, height, widt
 
 
 def face_ids(
-    vertices: Float[Array, "vertex 3"],
-    faces: Int[Array, "face 3"],
-    intrinsics: Float[Array, "camera 3 3"],
-    cam_from_world: Float[Array, "camera 4 4"],
-    origins: Int[Array, "camera 2"],
+    vertices: Float[Array | np.ndarray, "vertex 3"],
+    faces: Int[Array | np.ndarray, "face 3"],
+    intrinsics: Float[Array | np.ndarray, "camera 3 3"],
+    cam_from_world: Float[Array | np.ndarray, "camera 4 4"],
+    origins: Int[Array | np.ndarray, "camera 2"],
     height: int,
     width: int,
 ) -> tuple[Int[Array, "camera height width"], Float[Array, "camera height width"]]:
@@ -65,15 +67,8 @@ def face_ids(
         capacity *= 2
     while True:
         ids, inverse, needed = _face_ids(
-            jnp.asarray(vertices),
-            jnp.asarray(faces),
-            jnp.asarray(intrinsics),
-            jnp.asarray(cam_from_world),
-            jnp.asarray(origins, jnp.int32),
-            height,
-            width,
-            capacity,
+            vertices, faces, intrinsics, cam_from_world, origins.astype(np.int32), height, width, capacity
         )
-        if int(needed.max()) <= capacity:
+        if int(np.asarray(needed).max()) <= capacity:
             return ids, inverse
-        capacity = 2 ** int(needed.max() - 1).bit_length()
+        capacity = 2 ** int(np.asarray(needed).max() - 1).bit_length()

@@ -111,7 +111,7 @@ class FrameTracker:
             crops = [rectangle.crop(image, c) for c, image in enumerate(shown.images)]
             speed = np.zeros(len(shown.images))
             pose = base
-            prior = free_prior(self.character, base, jnp.concatenate([jnp.full(6, 0.1), jnp.full(33, 0.5)]))
+            prior = free_prior(self.character, base, np.repeat(np.array([0.1, 0.5], np.float32), [6, 33]))
             for round_index, robust in enumerate(FLOW_ROBUST):
                 posed, ids, _ = draw(self.character, pose, plain)
                 flows = surface_flow(self.character, posed, ids, crops, plain, sources, self.tracker.flow)
@@ -136,10 +136,8 @@ class FrameTracker:
         depth = np.asarray(skin(self.character, after)).mean(0)
         return np.array(
             [
-                float(view.intrinsics[c, 0, 0])
-                * moved
-                / max(float(view.cam_from_world[c, 2, :3] @ depth + view.cam_from_world[c, 2, 3]), 0.1)
-                for c in range(self.cameras.num_cameras)
+                k[0, 0] * moved / max(float(t[2, :3] @ depth + t[2, 3]), 0.1)
+                for k, t in zip(np.asarray(view.intrinsics), np.asarray(view.cam_from_world), strict=True)
             ]
         )
 
@@ -321,8 +319,8 @@ class FrameTracker:
         _, terms = self.score(problem, [pose])
         speed = 0.0
         if past is not None:
-            moved = difference(self.character.skeleton, past.pose, pose)
-            speed = float(jnp.linalg.norm(moved[:3])) / max(abs(shown.timestamp - past.shown.timestamp), 1e-3)
+            moved = np.asarray(difference(self.character.skeleton, past.pose, pose))
+            speed = float(np.linalg.norm(moved[:3])) / max(abs(shown.timestamp - past.shown.timestamp), 1e-3)
         left = unexplained(seen.ids, problem)
         verdict = judge(self.character, self.face_bodies, seen.ids, seen.costs, speed, self.tracker.verdict, left)
         names = [term.name for term in self.tracker.scored.terms]

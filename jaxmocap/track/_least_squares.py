@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmocap._kept_programs import kept_jit
@@ -34,7 +35,8 @@ class Prior(NamedTuple):
     target: Float[Array, "dof"]
 
 
-def free_prior(character: Character, base: Pose, weight: float | Array = 1e-3) -> Prior:
+@jax.jit
+def free_prior(character: Character, base: Pose, weight: float | Array | np.ndarray = 1e-3) -> Prior:
     """Joint limits and a weak pull to the base pose, no L1."""
     far = jnp.full(6, 10.0)
     skeleton = character.skeleton
@@ -128,7 +130,7 @@ def descend(
             character, base, delta, rows, landmarks, prior, jnp.asarray(damping, jnp.float32), refiner
         )
         if float(step.after) <= float(step.before) * (1 + 1e-6):
-            moved = float(jnp.abs(step.delta - delta).max())
+            moved = float(np.abs(np.asarray(step.delta) - np.asarray(delta)).max())
             delta, damping = step.delta, damping / 3
             if moved < tolerance:
                 break

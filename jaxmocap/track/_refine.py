@@ -103,7 +103,7 @@ class Refinement:
         limits = free_prior(self.character, base)
         if past is None:
             return limits
-        lam = self.plan.weights.regularisation
-        target = jnp.asarray(past.predicted(self.plan.autoregression), jnp.float32)
-        unit = jnp.concatenate([jnp.full(3, 2.0), jnp.ones(36)])
-        return limits._replace(l1=lam * unit, weight=lam * self.plan.weights.prior * unit**2, target=target)
+        lam, pull = np.float32(self.plan.weights.regularisation), np.float32(self.plan.weights.prior)
+        target = np.asarray(past.predicted(self.plan.autoregression), np.float32)
+        unit = np.repeat(np.array([2, 1], np.float32), [3, 36])
+        return limits._replace(l1=lam * unit, weight=lam * pull * unit**2, target=target)

@@ -142,9 +142,10 @@ def frame_rectangle(
 ) -> Rectangle:
     """The rectangle around a posed mesh in every view."""
     view = cameras.at(frame)
+    intrinsics, cam_from_world = np.asarray(view.intrinsics), np.asarray(view.cam_from_world)
     boxes = []
     for camera, name in enumerate(cameras.names):
-        box = projected_box(vertices, np.asarray(view.intrinsics[camera]), np.asarray(view.cam_from_world[camera]))
+        box = projected_box(vertices, intrinsics[camera], cam_from_world[camera])
         if box is None:
             raise InputError(
                 f"the person lies behind camera '{name}' at frame {frame}; check the cameras and the keypoints."
@@ -185,7 +186,7 @@ def fit_to_masks(
         )
         vertices, ids, inverse = draw(character, pose, problem)
         lines = contour_lines(vertices, character.faces, ids, inverse, problem, contours)
-        prior = free_prior(character, pose, jnp.concatenate([jnp.full(6, 0.5), jnp.full(33, 3.0)]))
+        prior = free_prior(character, pose, np.repeat(np.array([0.5, 3.0], np.float32), [6, 33]))
         rows = (Rows(lines, 0.02, 0.03 if round_index < 5 else 0.015),)
         delta, _ = descend(
             character,
@@ -251,7 +252,7 @@ def fit_between_views(
             ContourSettings(reach=12, capacity=2048, accept_cosine=0.5, accept_score=0.8),
         )
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
-        prior = free_prior(character, pose, jnp.concatenate([jnp.full(6, 0.2), jnp.full(33, 0.8)]))
+        prior = free_prior(character, pose, np.repeat(np.array([0.2, 0.8], np.float32), [6, 33]))
         delta, _ = descend(
             character,
             pose,

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import cv2
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -54,6 +55,11 @@ def covered_costs(ids: Int[Array, "camera height width"], problem: FrameProblem)
     return covered_cost(foreground, problem.background)
 
 
+@jax.jit
+def _screens(vertices: Float[Array, "vertex 3"], problem: FrameProblem) -> Float[Array, "camera 3 vertex"]:
+    return jax.vmap(to_screen, in_axes=(None, 0, 0))(vertices, problem.projection, problem.origins)
+
+
 class Seen(NamedTuple):
     """Face ids of a pose in the rectangle, Eq. 6 of each pixel by its face, and the face drawn where each vertex
     projects to, -1 for none."""
@@ -67,9 +73,8 @@ def look_at(character: Character, pose: Pose, problem: FrameProblem) -> Seen:
     """Draw a pose and cost its pixels."""
     vertices, ids, _ = draw(character, pose, problem)
     drawn, over = np.asarray(ids), np.full((problem.num_cameras, vertices.shape[0]), -1)
-    for camera in range(problem.num_cameras):
-        screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
-        column, row = np.nan_to_num(np.round(np.asarray(screen)[:2]), nan=-1.0).clip(-1, 2**15).astype(int)
+    for camera, screen in enumerate(np.asarray(_screens(vertices, problem))):
+        column, row = np.nan_to_num(np.round(screen[:2]), nan=-1.0).clip(-1, 2**15).astype(int)
         inside = (column >= 0) & (row >= 0) & (column < problem.size[1]) & (row < problem.size[0])
         over[camera, inside] = drawn[camera, row[inside], column[inside]]
     return Seen(drawn, np.asarray(covered_costs(ids, problem)), over)

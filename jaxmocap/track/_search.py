@@ -299,19 +299,19 @@ class GroupSearch:
         `SearchPlan`.
         """
         skeleton = character.skeleton
-        free = jnp.array(ROOT_REACH)
-        lower = jnp.concatenate([-free, skeleton.lower - pose.angles])
-        upper = jnp.concatenate([free, skeleton.upper - pose.angles])
+        free, angles = np.array(ROOT_REACH, np.float32), np.asarray(pose.angles)
+        lower = np.concatenate([-free, np.asarray(skeleton.lower) - angles])
+        upper = np.concatenate([free, np.asarray(skeleton.upper) - angles])
         if np.isfinite(within):
             farthest = within * np.asarray(spread, np.float32)
-            lower, upper = jnp.maximum(lower, -farthest), jnp.minimum(upper, farthest)
+            lower, upper = np.maximum(lower, -farthest), np.minimum(upper, farthest)
         cloud = np.zeros((2 * len(self.dofs) + 1, 39), np.float32)
         for row, dof in enumerate(self.dofs):
             reach = (1.7 if wide == 0 else 8.0) * spread[dof]
             cloud[2 * row, dof] = min(reach, float(upper[dof]))
             cloud[2 * row + 1, dof] = max(-reach, float(lower[dof]))
-        boxes = np.asarray(particle_boxes(character, self.part, pose, problem, jnp.asarray(cloud)))
-        corners = jnp.asarray(self.place_region(boxes, problem))
+        boxes = np.asarray(particle_boxes(character, self.part, pose, problem, jax.device_put(cloud)))
+        corners = jax.device_put(self.place_region(boxes, problem))
         sizes = self.sizes
         levels = [(stage.step, stage.faces) for stage in stages]
         drawn = [self.simple.get(stage.faces, (None, self.part)) for stage in stages]
@@ -335,13 +335,13 @@ class GroupSearch:
                 sizes.region,
                 tuple(sizes.capacity[level] for level in levels),
                 sizes.base_capacity,
-                jnp.asarray(spread, jnp.float32),
-                lower,
-                upper,
+                jax.device_put(np.asarray(spread, np.float32)),
+                jax.device_put(lower),
+                jax.device_put(upper),
                 self.outer,
                 key,
             )
-            result = jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)), result)
+            result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
             needed_base, needed_far = int(result.needed_base), int(result.needed_far)
             needed = {level: int(count) for level, count in zip(levels, result.needed, strict=True)}
             if (
@@ -390,7 +390,9 @@ def group_searches(
     for name, dofs in groups:
         sizes = shared.setdefault(name.split("_")[-1], Sizes(_power(1.3 * character.faces.shape[0])))
         coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
-        outer = jnp.array([any(part in character.skeleton.dof_names[dof] for part in _OUTER) for dof in dofs])
+        outer = jax.device_put(
+            np.array([any(part in character.skeleton.dof_names[dof] for part in _OUTER) for dof in dofs])
+        )
         searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, outer))
     return searches
 

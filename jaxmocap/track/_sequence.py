@@ -5,7 +5,6 @@ from dataclasses import asdict, replace
 from typing import NamedTuple, Protocol
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
@@ -156,7 +155,10 @@ def motion_of(
     )
     results = without_trust(with_doubts(results, found, settings), spans, character)
     numbers, positions = capture.video_frames[0], np.array([result.frame for result in results])
-    poses = Pose(jnp.stack([r.pose.root for r in results]), jnp.stack([r.pose.angles for r in results]))
+    poses = Pose(
+        jax.device_put(np.stack([r.pose.root for r in results])),
+        jax.device_put(np.stack([r.pose.angles for r in results])),
+    )
     terms = sorted({name for result in results for name in result.energy})
     seconds = [sum(result.seconds.values()) for result in results]
     return Motion.from_poses(

@@ -106,7 +106,8 @@ def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies
     pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
     views = same_time_sources(pictures, problem, vertices, seen.ids)
     middle = np.append(np.asarray(vertices).mean(0), 1.0)
-    angles = view_angles(np.asarray(problem.cam_from_world), middle[:3])
+    cam_from_world = np.asarray(problem.cam_from_world)
+    angles = view_angles(cam_from_world, middle[:3])
     greys = [cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY) for crop in crops]
 
     def compared(pair: tuple[int, int]) -> Comparison | None:
@@ -125,7 +126,7 @@ def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies
             gaps.append(np.nan)
             matched.append(np.nan)
             continue
-        metres = float((np.asarray(problem.cam_from_world[m]) @ middle)[2]) / float(problem.intrinsics[m, 0, 0])
+        metres = float((cam_from_world[m] @ middle)[2]) / float(np.asarray(problem.intrinsics)[m, 0, 0])
         distances = metres * np.linalg.norm(found.moved[found.good], axis=1)
         bodies = face_bodies[seen.ids[m][found.good]]
         shared = found.seen.sum()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
@@ -54,10 +54,10 @@ def picture_source(
     view = cameras.at(frame)
     vertices = skin(character, pose)
     width, height = cameras.sizes[camera]
-    intrinsics, cam_from_world = view.intrinsics[camera], view.cam_from_world[camera]
-    corner = jnp.zeros((1, 2), jnp.int32)
+    intrinsics, cam_from_world = np.asarray(view.intrinsics)[camera], np.asarray(view.cam_from_world)[camera]
+    corner = np.zeros((1, 2), np.int32)
     ids, _ = face_ids(vertices, character.faces, intrinsics[None], cam_from_world[None], corner, height, width)
-    return Source(image, intrinsics, cam_from_world, vertices, ids[0])
+    return Source(image, intrinsics, cam_from_world, vertices, np.asarray(ids)[0])
 
 
 def padded(
@@ -77,8 +77,8 @@ def same_time_sources(
 ) -> list[Source]:
     """What every view shows at the current frame, for the other views: `pictures` keep the coordinates of the whole
     image (`padded`), `ids` are those of the rectangles."""
-    origins = np.asarray(problem.origins).tolist()
-    views = zip(pictures, problem.intrinsics, problem.cam_from_world, ids, origins, strict=True)
+    intrinsics, cam_from_world = np.asarray(problem.intrinsics), np.asarray(problem.cam_from_world)
+    views = zip(pictures, intrinsics, cam_from_world, ids, np.asarray(problem.origins).tolist(), strict=True)
     return [Source(p, k, t, vertices, seen, (row, column), same_time=True) for p, k, t, seen, (row, column) in views]
 
 
@@ -150,7 +150,8 @@ def compare(
 ) -> Comparison:
     """The flow from what a source predicts of one view, `ids` and the grey picture `target`, to what is seen."""
     origins = np.asarray(problem.origins).tolist()
-    view = _view(problem.intrinsics[camera], problem.cam_from_world[camera], vertices, ids, tuple(origins[camera]))
+    intrinsics, cam_from_world = np.asarray(problem.intrinsics)[camera], np.asarray(problem.cam_from_world)[camera]
+    view = _view(intrinsics, cam_from_world, vertices, ids, tuple(origins[camera]))
     shown = _view(source.intrinsics, source.cam_from_world, source.vertices, source.ids, source.origin)
     source_pixel, seen, cosine = carry(np.asarray(character.faces), np.asarray(problem.surface.near_faces), view, shown)
     weight, moved = np.zeros(ids.shape, np.float32), np.zeros((*ids.shape, 2), np.float32)
@@ -170,19 +171,20 @@ def compare(
 
 def _one_source(character, vertices, ids, target, camera, problem, source, settings) -> list[SurfaceLines]:
     """Rows of one view and source; as many for every frame, so that what uses them compiles once."""
-    view = (problem.intrinsics[camera], problem.cam_from_world[camera])
+    view = jax.device_put((np.asarray(problem.intrinsics)[camera], np.asarray(problem.cam_from_world)[camera]))
     found = compare(character, vertices, ids, target, camera, problem, source, settings)
     picked = pick_samples(found.good, settings.samples)
     alive = np.arange(settings.samples) < found.good.sum()
     row, column = np.divmod(picked, ids.shape[1])
-    pixels = jnp.asarray(np.stack([column, row], -1) + np.asarray(problem.origins[camera])[::-1] + 0.5, jnp.float32)
-    targets = pixels + found.moved[row, column]
-    shares = jnp.asarray(np.where(alive, found.weight[row, column], 0.0), jnp.float32)
+    origin = np.asarray(problem.origins)[camera]
+    here = (np.stack([column, row], -1) + origin[::-1] + 0.5).astype(np.float32)
+    shares = np.where(alive, found.weight[row, column], 0.0).astype(np.float32)
+    pixels, targets, shares = jax.device_put((here, here + found.moved[row, column], shares))
     face = ids[row, column]
     lines = [surface_lines(vertices, character.faces, face, pixels, targets, shares, view)]
     if source.same_time:
         other = (source.intrinsics, source.cam_from_world)
-        there = jnp.asarray(np.where(alive[:, None], found.source_pixel[row, column], 0.0), jnp.float32)
+        there = jax.device_put(np.where(alive[:, None], found.source_pixel[row, column], 0.0).astype(np.float32))
         lines.append(surface_lines(vertices, character.faces, face, pixels, there, shares, view, other))
     return lines
 

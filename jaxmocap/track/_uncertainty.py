@@ -45,8 +45,11 @@ def joint_covariances(
     settings = UncertaintySettings() if settings is None else settings
     hessians = _hessians(results)
     deviations = np.stack([np.asarray(result.deviation, np.float32) for result in results])
-    poses = Pose(jnp.stack([r.pose.root for r in results]), jnp.stack([r.pose.angles for r in results]))
-    found = np.asarray(_covariances(skeleton, poses, jnp.asarray(hessians), jnp.asarray(deviations), settings))
+    poses = Pose(
+        jax.device_put(np.stack([r.pose.root for r in results])),
+        jax.device_put(np.stack([r.pose.angles for r in results])),
+    )
+    found = np.asarray(_covariances(skeleton, poses, jax.device_put(hessians), jax.device_put(deviations), settings))
     doubt = 1 - np.stack([np.asarray(result.confidence, np.float32) for result in results])
     factor = settings.scale * (1 + settings.doubt * doubt)
     return factor[..., None, None] ** 2 * found + settings.floor**2 * np.eye(3, dtype=np.float32)

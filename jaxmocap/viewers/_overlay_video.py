@@ -54,8 +54,8 @@ def overlay_frames(
     style: OverlayStyle = OverlayStyle(),
 ) -> Iterator[tuple[float, UInt8[np.ndarray, "height width 3"]]]:
     """Yield `(seconds, RGB image with the tracked body)` for every frame of a motion in one view."""
-    intrinsics = np.asarray(cameras.intrinsics[camera_index])
-    cam_from_world = np.asarray(cameras.cam_from_world[camera_index])
+    intrinsics = np.asarray(cameras.intrinsics)[camera_index]
+    cam_from_world = np.asarray(cameras.cam_from_world)[camera_index]
     faces = np.asarray(character.faces)
     for index, position in enumerate(positions_in_capture(capture, motion)):
         image = draw_overlay(
