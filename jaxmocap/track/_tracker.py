@@ -4,7 +4,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
@@ -101,9 +102,9 @@ class RefineWeights(eqx.Module):
 @dataclass(frozen=True)
 class RefinePlan:
     """The local refinement: `rounds` of association and solving; `robust_start` widens the robust scale of the first
-    round, halved every round; `edges` is where contours look for their edge, the
-    Canny picture (the paper) or the outline of what is not background; `surface_flow` adds to the paper's contour rows
-    the correspondences carried over the surface from the selected frames and the other views."""
+    round, halved every round; `edges` is where contours look for their edge, the Canny picture (the paper) or the
+    outline of what is not background; `surface_flow` adds to the paper's contour rows the correspondences carried over
+    the surface from the selected frames and the other views."""
 
     rounds: int = 6
     steps: int = 2
@@ -173,7 +174,6 @@ class Tracker:
             posture=0.005, uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore"
         )
         plan = RefinePlan(
-            edges="background",
             surface_flow=True,
             rounds=4,
             robust_start=4.0,
@@ -202,4 +202,4 @@ def appearance_preset(quality: Quality) -> AppearanceSettings:
 
 def sigma_floor(dofs: tuple[int, ...]) -> Float[Array, "group_dof"]:
     """Smallest spread the annealing keeps: 2 mm for translations, 0.25 degrees for angles."""
-    return jnp.array([0.002 if dof < 3 else 0.00436 for dof in dofs])
+    return jax.device_put(np.array([0.002 if dof < 3 else 0.00436 for dof in dofs], np.float32))
