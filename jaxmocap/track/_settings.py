@@ -53,7 +53,7 @@ def _expect(head: str, known: list[str], name: str) -> None:
 
 def _converted(part: Any, kind: Any, value: Any, name: str) -> Any:
     kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
-    wanted = " or ".join(_described(k) for k in kinds)
+    wanted = " or ".join(dict.fromkeys(_described(k) for k in kinds))
     if value is None or value == "off":
         if type(None) in kinds:
             return None
@@ -82,14 +82,22 @@ def _as_kind(kind: Any, value: Any) -> Any:
         if float(value) == int(float(value)) >= 0 and not isinstance(value, bool):
             return int(float(value))
     elif kind is float:
-        return float(value)
+        return _from_zero(float(value))
     elif kind is str:
         return str(value)
     elif isinstance(kind, type) and issubclass(kind, AbstractArray):
-        return jnp.asarray(float(value) if isinstance(value, str) else value, jnp.float32)
+        value = float(value) if isinstance(value, str) else value
+        return jnp.asarray(_from_zero(value) if isinstance(value, (int, float)) else value, jnp.float32)
     elif isinstance(kind, type) and isinstance(value, kind):
         return value
     raise ValueError
+
+
+def _from_zero(value: float) -> float:
+    """No setting means anything below 0, and what is no number would spoil the result silently."""
+    if not value >= 0:
+        raise ValueError
+    return value
 
 
 def _described(kind: Any) -> str:
@@ -98,7 +106,9 @@ def _described(kind: Any) -> str:
     if get_origin(kind) is Literal:
         return " or ".join(map(str, get_args(kind)))
     if isinstance(kind, type) and issubclass(kind, AbstractArray):
-        return "a number"
+        return "a number from 0"
     if is_dataclass(kind):
         return f"on (a {getattr(kind, '__name__', kind)})"
-    return {int: "a whole number from 0", float: "a number", bool: "true or false", str: "text"}.get(kind, str(kind))
+    return {int: "a whole number from 0", float: "a number from 0", bool: "true or false", str: "text"}.get(
+        kind, str(kind)
+    )
