@@ -74,16 +74,16 @@ def test_images_are_cached_and_protected(small: Path):
     assert capture.image(0, 3) is not first
 
 
-def test_frames_looked_ahead_at_are_decoded_once_and_the_same(small: Path):
+def test_frames_looked_ahead_at_are_the_same_and_not_decoded_again(small: Path, monkeypatch):
+    pairs = ((0, 2), (1, 2), (0, 7), (1, 7))
+    plain = [Capture.open(small).image(*pair) for pair in pairs]
     capture = Capture.open(small)
     capture.look_ahead((2, 7))
     assert joined("frames ahead")
+    monkeypatch.setattr(Capture, "_read", lambda *_: pytest.fail("decoded again"))
     copy = capture.with_selected_frames((2, 7))
-    plain = Capture.open(small)
-    for frame, camera in ((2, 0), (2, 1), (7, 0), (7, 1)):
-        image = copy.image(camera, frame)
-        assert image is capture.image(camera, frame)
-        np.testing.assert_array_equal(image, plain.image(camera, frame))
+    for pair, image in zip(pairs, plain, strict=True):
+        np.testing.assert_array_equal(copy.image(*pair), image)
 
 
 def test_what_cannot_be_looked_ahead_at_is_told_by_whoever_asks(small: Path):
