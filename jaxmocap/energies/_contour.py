@@ -20,7 +20,8 @@ class ContourSettings(eqx.Module):
     orientation"; the numbers are ours.
 
     `contours` "outer" is the silhouette (the paper); "outer+occluding" adds depth discontinuities inside it. `step`
-    takes every step-th contour pixel. `capacity` bounds the contour pixels per view. `inside` says that edge pixels are
+    takes every step-th contour pixel. No edge farther than `within` pixels counts: like `reach`, which is compiled in,
+    but free to change. `capacity` bounds the contour pixels per view. `inside` says that edge pixels are
     the outermost ones of a mask, whose outline is half a pixel further out.
     """
 
@@ -32,6 +33,7 @@ class ContourSettings(eqx.Module):
     colour_scale: Knob = knob(0.3)
     accept_score: Knob = knob(0.5)
     accept_cosine: Knob = knob(0.85)
+    within: Knob = knob(1e3)
     depth_gap: Knob = knob(0.06)
 
 
@@ -116,8 +118,9 @@ def edge_targets(
     inner_y = jnp.clip(jnp.round(y + 2 * ny[:, None, None]).astype(jnp.int32), 0, height - 1)
     colour = jnp.linalg.norm(image[inner_y, inner_x] - model_colour[:, None, None, :], axis=-1) / settings.colour_scale
     colour = jnp.where(model_known[:, None, None], jnp.minimum(colour, 1.0), 0.5)
-    score = 0.4 * jnp.abs(offsets) / settings.reach + 0.3 * (1 - cosine) + 0.3 * colour
-    usable = edge_mask[y, x] & inside & (cosine > settings.accept_cosine)
+    far = jnp.minimum(settings.within, settings.reach)
+    score = 0.4 * jnp.abs(offsets) / far + 0.3 * (1 - cosine) + 0.3 * colour
+    usable = edge_mask[y, x] & inside & (cosine > settings.accept_cosine) & (jnp.abs(offsets) <= far)
     score = jnp.where(usable, score, jnp.inf).reshape(len(nx), -1)
     best = jnp.argmin(score, axis=1)
     accepted = (jnp.take_along_axis(score, best[:, None], 1)[:, 0] < settings.accept_score) & points.live

@@ -171,6 +171,11 @@ def _frozen(prior: Prior, fixed: list[int]) -> Prior:
     return prior._replace(lower=prior.lower.at[index].set(0.0), upper=prior.upper.at[index].set(0.0))
 
 
+def _mask_contours(within: float) -> ContourSettings:
+    """How contours look for a mask's outline, no farther than so many pixels; one compiled program for all of them."""
+    return ContourSettings(reach=30, capacity=2048, accept_cosine=0.5, accept_score=0.8, within=within)
+
+
 def fit_to_masks(
     character: Character,
     pose: Pose,
@@ -181,9 +186,7 @@ def fit_to_masks(
 ) -> Pose:
     """Local optimisation of Gall et al. 2009: contour points to the mask outline, re-associated every round."""
     for round_index in range(settings.rounds):
-        contours = ContourSettings(
-            reach=30 if round_index < 3 else 15, capacity=2048, accept_cosine=0.5, accept_score=0.8
-        )
+        contours = _mask_contours(30 if round_index < 3 else 15)
         vertices, ids, inverse = draw(character, pose, problem)
         lines = contour_lines(vertices, character.faces, ids, inverse, problem, contours)
         prior = free_prior(character, pose, np.repeat(np.array([0.5, 3.0], np.float32), [6, 33]))
@@ -243,14 +246,7 @@ def fit_between_views(
         views = same_time_sources(pictures, problem, vertices, host_ids)
         sources = [[views[n] for n in cameras if n != m] + (extra[m] if extra else []) for m in cameras]
         flows = surface_flow(character, vertices, ids, crops, problem, sources, FlowSettings())
-        contours = contour_lines(
-            vertices,
-            character.faces,
-            ids,
-            inverse,
-            problem,
-            ContourSettings(reach=12, capacity=2048, accept_cosine=0.5, accept_score=0.8),
-        )
+        contours = contour_lines(vertices, character.faces, ids, inverse, problem, _mask_contours(12))
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
         prior = free_prior(character, pose, np.repeat(np.array([0.2, 0.8], np.float32), [6, 33]))
         delta, _ = descend(

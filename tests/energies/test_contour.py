@@ -178,7 +178,7 @@ def test_rows_of_a_displaced_pose_say_by_how_much(world):
     np.testing.assert_allclose(np.median(move[sideways, 0]), -0.028, atol=0.008)
 
 
-def mask_lines(world, delta):
+def mask_lines(world, delta, **settings):
     problem, character = world.problem(FRAME), world.character
     masks = world.masks(FRAME)
     edges = [mask_edges(mask) for mask in masks]
@@ -191,5 +191,17 @@ def mask_lines(world, delta):
     ids, inverse = face_ids(
         vertices, character.faces, problem.intrinsics, problem.cam_from_world, problem.origins, *problem.size
     )
-    settings = ContourSettings(capacity=512, accept_cosine=0.5, accept_score=0.8)
-    return contour_lines(vertices, character.faces, ids, inverse, problem, settings), vertices
+    looking = ContourSettings(capacity=512, accept_cosine=0.5, accept_score=0.8, **settings)
+    return contour_lines(vertices, character.faces, ids, inverse, problem, looking), vertices
+
+
+def test_edges_within_some_pixels_are_those_of_a_shorter_reach(world):
+    delta = np.zeros(39)
+    delta[0] = 0.12
+    shorter, far = (mask_lines(world, delta, reach=reach)[0] for reach in (4, 15))
+    within = mask_lines(world, delta, reach=15, within=4.0)[0]
+    np.testing.assert_array_equal(within.weight, shorter.weight)
+    tied = np.asarray(within.weight) > 0  # the others have any direction
+    for name in ("corners", "direction", "moment"):
+        np.testing.assert_allclose(getattr(within, name)[tied], getattr(shorter, name)[tied], rtol=1e-5, err_msg=name)
+    assert shorter.weight.sum() < 0.9 * far.weight.sum()

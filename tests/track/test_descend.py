@@ -1,5 +1,6 @@
 """Gauss-Newton on rows whose answer is known: points of the surface and the rays on which they truly lie."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -149,3 +150,20 @@ def test_an_increment_is_taken_from_the_base_not_from_the_pose(world, rows):
     second, _ = descend(world.character, base, start, rows, (), prior, Shooting(), steps=8)
     ends = [vertex_errors(world, FRAME, retract(world.character.skeleton, base, d)).mean() for d in (first, second)]
     assert max(ends) < 0.002
+
+
+def test_rows_in_parts_are_rows_in_one_and_other_scales_do_not_compile_again(world, rows, monkeypatch, tmp_path):
+    monkeypatch.setenv("JAXMOCAP_PROGRAMS", str(tmp_path))
+    base, lines = perturbed(world, FRAME, 4), rows[0].lines
+    prior = free_prior(world.character, base)
+    halves = [SurfaceLines(*(leaf[part] for leaf in jax.tree.leaves(lines))) for part in (slice(400), slice(400, None))]
+
+    def found(*rows):
+        return descend(world.character, base, jnp.zeros(39), rows, (), prior, Shooting(), steps=2)[0]
+
+    whole = found(Rows(lines, 0.02, ROBUST))
+    np.testing.assert_allclose(found(*(Rows(half, 0.02, ROBUST) for half in halves)), whole, atol=2e-5)
+    known = len(list(tmp_path.iterdir()))
+    wider = found(Rows(lines, 0.03, 2 * ROBUST))
+    assert len(list(tmp_path.iterdir())) == known > 0
+    assert np.abs(wider - whole).max() > 1e-4
