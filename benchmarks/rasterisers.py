@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,6 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 from figures import Figure, add_options, finish, record
 
+from jaxmocap._runtime import quick_loops
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character, Pose, body_transforms, retract, skin
 from jaxmocap.energies import (
@@ -64,12 +66,14 @@ GROUPS = ("root", "torso", "l_arm", "l_leg")
 
 
 def median_ms(sides: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Median process time of every side in milliseconds, taken in turns after one call that warms up."""
+    """Median process time of every side in milliseconds, taken in turns after one call that warms up. Before each call
+    the threads of the side before have time to come to rest: Embree's go on spinning, which would count here."""
     times: dict[str, list[float]] = {name: [] for name in sides}
     for call in sides.values():
         call()
     for _ in range(repeats):
         for name, call in sides.items():
+            time.sleep(0.02)
             begin = time.process_time()
             call()
             times[name].append(1e3 * (time.process_time() - begin))
@@ -140,11 +144,13 @@ def jax_scores(energy: SearchEnergy, case: Case, capacity: int = CAPACITY) -> tu
     """What the particles share, and a call that scores them with room for `capacity` windows."""
     character, part, pose, problem, region, increments = case
 
-    @eqx.filter_jit
+    as_tracked = partial(eqx.filter_jit, compiler_options=quick_loops())  # as `run_often` compiles a search
+
+    @as_tracked
     def prepared(problem):
         return prepare_base(energy, character, part, pose, problem, region, CAPACITY)
 
-    @eqx.filter_jit
+    @as_tracked
     def scored(base, problem, increments):
         return score_particles(energy, character, part, pose, problem, region, base, increments, capacity)
 

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 _RECORDED = ("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "numpy", "opencv-python-headless", "av")
-_EMITTERS = "xla_cpu_use_fusion_emitters"
+_EMITTERS, _VECTORS = "xla_cpu_use_fusion_emitters", "xla_cpu_prefer_vector_width"
 _MOST_MAPS = 30_000
 _SHORTEST_COMPILATION = 0.0  # seconds: hundreds of small programs take longer to compile than to read
 
@@ -47,15 +47,24 @@ def compile_sooner() -> None:
         os.environ["XLA_FLAGS"] = f"{flags} --{_EMITTERS}=false".strip()
 
 
-def quick_loops() -> dict[str, bool]:
+def quick_loops() -> dict[str, bool | int]:
     """Compiler options under which XLA makes loops in its newer way, in which scores are computed up to 1.5 times as
-    fast."""
-    return {_EMITTERS: True} if _emitters_known() else {}
+    fast, and with all 512 bits of a vector where the processor has them (XLA by itself uses 256), which saves another
+    tenth."""
+    if not _emitters_known():
+        return {}
+    return {_EMITTERS: True} | ({_VECTORS: 512} if _wide_vectors() else {})
+
+
+def _wide_vectors() -> bool:
+    """Whether the processor has AVX-512; only Linux says."""
+    about = Path("/proc/cpuinfo")
+    return about.is_file() and " avx512f " in about.read_text()
 
 
 def _emitters_known() -> bool:
-    """Whether this jaxlib is one with which both ways were measured: XLA ends the process over a flag that it does not
-    know."""
+    """Whether this jaxlib is one with which these options were measured: XLA ends the process over a flag that it does
+    not know."""
     return versions(("jaxlib",))["jaxlib"].startswith("0.10.")
 
 

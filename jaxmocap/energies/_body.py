@@ -11,7 +11,18 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap.character import Character, Pose, blend, skin
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import Jobs, KeyLayout, draw, empty_buffer, to_screen, window_jobs
+from jaxmocap.render import (
+    BEHIND,
+    Jobs,
+    KeyLayout,
+    Places,
+    corner_places,
+    doubled_area,
+    draw,
+    empty_buffer,
+    to_screen,
+    window_jobs,
+)
 
 
 class BodyPart(eqx.Module):
@@ -122,21 +133,20 @@ def part_jobs(
     camera: int | Int[Array, ""],
     region: Region,
     capacity: int,
-) -> tuple[Jobs, Float[Array, "3 part_vertex"]]:
-    """Windows of the part in one view's region, and its vertices on the screen."""
+) -> tuple[Jobs, Places]:
+    """Windows of the part in one view's region, and the corners of its faces on the screen."""
     screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
-    corner = region.corners[camera]
-    depths = problem.depth_range[camera]
-    jobs = window_jobs(screen, part.faces, part.face_numbers, None, *region.size, depths, part.layout, capacity, corner)
-    return jobs, screen
+    corner, depths, places = region.corners[camera], problem.depth_range[camera], corner_places(screen, part.faces)
+    jobs = window_jobs(
+        *(screen, part.faces, part.face_numbers, None, *region.size, depths, part.layout, capacity, corner, places)
+    )
+    return jobs, places
 
 
-def pixels_outside(
-    screen: Float[Array, "3 vertex"], faces: Int[Array, "3 face"], corner: Int[Array, "2"], size: tuple[int, int]
-) -> Float[Array, ""]:
-    """Area, in pixels, of the front faces whose centre lies outside a region."""
-    x, y, inverse = screen[0][faces], screen[1][faces], screen[2][faces]
-    area = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
-    cx, cy = x.mean(0) - corner[1], y.mean(0) - corner[0]
-    outside = (cx < -0.5) | (cy < -0.5) | (cx > size[1] - 0.5) | (cy > size[0] - 0.5)
-    return jnp.where(outside & (area < 0) & (inverse.min(0) > 0), jnp.minimum(-area, 1e4), 0.0).sum()
+def pixels_outside(places: Places, corner: Int[Array, "2"], size: tuple[int, int]) -> Float[Array, ""]:
+    """Area, in pixels, of the front faces whose centre lies outside a region. `places` are their corners."""
+    (ax, bx, cx), (ay, by, cy) = places
+    x, y, area = (ax + bx + cx) / 3 - corner[1], (ay + by + cy) / 3 - corner[0], 0.5 * doubled_area(places)
+    outside = (x < -0.5) | (y < -0.5) | (x > size[1] - 0.5) | (y > size[0] - 0.5)
+    seen = jnp.maximum(jnp.maximum(ax, bx), cx) < BEHIND
+    return jnp.where(outside & (area < 0) & seen, jnp.minimum(-area, 1e4), 0.0).sum()

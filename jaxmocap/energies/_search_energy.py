@@ -161,8 +161,8 @@ def _score(energy, character, part, pose, problem, region, base, increments, cap
         moved, posed = particle
 
         def view(below: Array, camera: Array) -> tuple[Array, tuple[Array, Array]]:
-            jobs, screen = part_jobs(part, posed, problem, camera, region, capacity)
-            outside = pixels_outside(screen, part.faces, region.corners[camera], region.size)
+            jobs, places = part_jobs(part, posed, problem, camera, region, capacity)
+            outside = pixels_outside(places, region.corners[camera], region.size)
             return draw(below, jobs, layout, camera * height, driver), (outside, jobs.needed)
 
         drawn, (outside, needed) = lax.scan(view, base.buffers.reshape(-1, width), jnp.arange(problem.num_cameras))

@@ -15,9 +15,13 @@ from ._tiles import (
     tiles_at as tiles_at,
 )
 from ._windows import (
+    BEHIND as BEHIND,
     Driver as Driver,
     Jobs as Jobs,
+    Places as Places,
     best_driver as best_driver,
+    corner_places as corner_places,
+    doubled_area as doubled_area,
     draw as draw,
     draw_in_turn as draw_in_turn,
     draw_scatter as draw_scatter,

@@ -18,7 +18,7 @@ from jaxmocap._types import Knob, knob
 
 from ._coverage import covered_area
 from ._keys import WINDOW, KeyLayout, crop
-from ._windows import _FAR_PIXEL, _as_float, _as_int, expand
+from ._windows import _FAR_PIXEL, expand
 
 
 class SoftSettings(eqx.Module):
@@ -49,6 +49,14 @@ class SoftFaces(NamedTuple):
     share: Float[Array, "entry layer"]
     inverse_depth: Float[Array, "entry layer"]
     needed: Int[Array, "3"]
+
+
+def _as_float(value: Int[Array, "*n"]) -> Float[Array, "*n"]:
+    return lax.bitcast_convert_type(value.astype(jnp.int32), jnp.float32)
+
+
+def _as_int(value: Float[Array, "*n"]) -> Int[Array, "*n"]:
+    return lax.bitcast_convert_type(value, jnp.int32)
 
 
 def _jobs(screen, faces, height, width_pixels, reach, depth_range, layout, capacity):

@@ -105,13 +105,14 @@ def sum_over_tiles(
     `cost(*place(rows, columns))` leaves a pixel out by a negative cost; `place` as for `sum_in_turns`. A tile holds
     pixels that are not covered, and reaches up to seven pixels beyond the picture.
     """
-    side = WINDOW // step
+    side = WINDOW // step  # a power of two: shifts, since XLA divides integers one by one
+    bits = side.bit_length() - 1
     lanes = side * side
 
     def in_tiles(slots: Array) -> Sequence[Any]:
-        tile, lane = slots // lanes, slots % lanes
-        rows = look_up(tiles.rows, tile) + lane // side * step
-        columns = look_up(tiles.columns, tile) + lane % side * step
+        tile, lane = slots >> (2 * bits), slots & (lanes - 1)
+        rows = look_up(tiles.rows, tile) + (lane >> bits) * step
+        columns = look_up(tiles.columns, tile) + (lane & (side - 1)) * step
         return place(rows, columns)
 
     return sum_in_turns(tiles.count * lanes, tiles.rows.size * lanes, cost, in_tiles)

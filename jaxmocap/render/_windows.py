@@ -17,12 +17,21 @@ from ._keys import WINDOW, KeyLayout
 
 _FAR_PIXEL = 30000.0
 _BLOCKS = 256
+BEHIND = 1e6
+"""Column and row of a vertex behind the camera: beyond all that is drawn, and finite."""
+
+Places = tuple[tuple[Float[Array, "n"], ...], tuple[Float[Array, "n"], ...]]
+"""Columns and rows of the three corners of faces."""
 
 
 class Jobs(NamedTuple):
-    """Windows to draw. `records (capacity, 12)`: two barycentric planes, the depth plane, x, y, face (as bits)."""
+    """Windows to draw, the first `count` of `capacity`. `planes` are a, b, c of a x + b y + c over a window's pixels:
+    two barycentric ones and the depth level's. `column` and `row` are of its first pixel in the padded buffer."""
 
-    records: Float[Array, "capacity 12"]
+    planes: tuple[Float[Array, "capacity"], ...]
+    column: Int[Array, "capacity"]
+    row: Int[Array, "capacity"]
+    face: Int[Array, "capacity"]
     count: Int[Array, ""]
     needed: Int[Array, ""]
 
@@ -32,20 +41,17 @@ def to_screen(
 ) -> Float[Array, "3 vertex"]:
     """Rows: column and row relative to the centre of the rectangle's first pixel, and inverse depth (<= 0 is
     behind)."""
-    homogeneous = projection[:, :3] @ vertices.T + projection[:, 3:]
-    depth = homogeneous[2]
+    places = vertices.T
+    column, row, depth = (sum(line[k] * places[k] for k in range(3)) + line[3] for line in projection)
     inverse = jnp.where(depth > 1e-3, 1.0 / jnp.maximum(depth, 1e-3), -1.0)
-    column = homogeneous[0] * jnp.abs(inverse) - (origin[1].astype(jnp.float32) + 0.5)
-    row = homogeneous[1] * jnp.abs(inverse) - (origin[0].astype(jnp.float32) + 0.5)
+    column = column * jnp.abs(inverse) - (origin[1].astype(jnp.float32) + 0.5)
+    row = row * jnp.abs(inverse) - (origin[0].astype(jnp.float32) + 0.5)
     return jnp.stack([column, row, inverse])
 
 
-def _as_float(value: Int[Array, "*n"]) -> Float[Array, "*n"]:
-    return lax.bitcast_convert_type(value.astype(jnp.int32), jnp.float32)
-
-
-def _as_int(value: Float[Array, "*n"]) -> Int[Array, "*n"]:
-    return lax.bitcast_convert_type(value, jnp.int32)
+def _in_windows(pixels: Int[Array, "*n"]) -> Int[Array, "*n"]:
+    """Whole windows in so many pixels, rounded down. XLA divides integers one by one, and guards each division."""
+    return pixels >> (WINDOW.bit_length() - 1)
 
 
 def look_up(values: Array, index: Int[Array, "*n"]) -> Array:
@@ -79,7 +85,57 @@ def expand(
     items = jnp.zeros_like(counts).at[row].set(jnp.arange(counts.shape[0], dtype=jnp.int32), **place)
     marks = jnp.zeros(capacity, jnp.int32).at[slot].set(1, **place)
     item = look_up(items, jnp.maximum(running_sum(marks) - 1, 0))
-    return item, jnp.arange(capacity, dtype=jnp.int32) - starts[item], ends[-1]
+    return item, jnp.arange(capacity, dtype=jnp.int32) - look_up(starts, item), ends[-1]
+
+
+def corner_places(screen: Float[Array, "3 vertex"], faces: Int[Array, "3 face"]) -> Places:
+    """Columns and rows of the three corners of every face; those of a vertex behind the camera are `BEHIND`."""
+    seen = screen[2] > 0
+    columns, rows = lax.optimization_barrier(tuple(jnp.where(seen, place, BEHIND) for place in screen[:2]))
+    return lax.optimization_barrier(
+        (tuple(look_up(columns, corner) for corner in faces), tuple(look_up(rows, corner) for corner in faces))
+    )
+
+
+def doubled_area(places: Places) -> Float[Array, "face"]:
+    """Twice the area of every face on the screen, negative for front faces."""
+    (ax, bx, cx), (ay, by, cy) = places
+    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+
+
+class _Setup(NamedTuple):
+    """Of some faces: their first pixel, the corners from there, twice the area, and the windows of the buffer that they
+    touch: how many are skipped before the buffer's edge, how many there are across and down."""
+
+    first: tuple[Int[Array, "n"], Int[Array, "n"]]
+    places: Places
+    area: Float[Array, "n"]
+    skip: tuple[Int[Array, "n"], Int[Array, "n"]]
+    across: Int[Array, "n"]
+    down: Int[Array, "n"]
+    drawn: Bool[Array, "n"]
+
+
+def _set_up(places: Places, top: Array, left: Array, height: int, width: int) -> _Setup:
+    (low_x, high_x), (low_y, high_y) = (
+        (jnp.minimum(jnp.minimum(a, b), c), jnp.maximum(jnp.maximum(a, b), c)) for a, b, c in places
+    )
+    start_x, start_y, last_x, last_y = jnp.ceil(low_x), jnp.ceil(low_y), jnp.floor(high_x), jnp.floor(high_y)
+    near = (jnp.minimum(low_x, low_y) > -_FAR_PIXEL) & (jnp.maximum(high_x, high_y) < _FAR_PIXEL)
+    hit = (last_x >= left) & (last_y >= top) & (start_x <= left + width - 1) & (start_y <= top + height - 1)
+    hit &= (last_x >= start_x) & (last_y >= start_y)
+    moved = (tuple(x - start_x for x in places[0]), tuple(y - start_y for y in places[1]))
+    area = doubled_area(moved)
+    drawn = near & hit & (area < -1e-8)
+
+    def whole(value: Array) -> Array:
+        return jnp.where(drawn, value, 0.0).astype(jnp.int32)
+
+    first_x, first_y = whole(start_x), whole(start_y)
+    skip_x, skip_y = _in_windows(jnp.maximum(left - first_x, 0)), _in_windows(jnp.maximum(top - first_y, 0))
+    end_x = _in_windows(jnp.minimum(whole(last_x), left + width - 1) - first_x)
+    end_y = _in_windows(jnp.minimum(whole(last_y), top + height - 1) - first_y)
+    return _Setup((first_x, first_y), moved, area, (skip_x, skip_y), end_x - skip_x + 1, end_y - skip_y + 1, drawn)
 
 
 def window_jobs(
@@ -93,83 +149,58 @@ def window_jobs(
     layout: KeyLayout,
     capacity: int,
     corner: Int[Array, "2"] | None = None,
+    places: Places | None = None,
 ) -> Jobs:
     """Set-up of every front face that touches a rectangle of `height` x `width` pixels, expanded to windows.
 
     `corner` is the row and column, in the coordinates of `screen`, of the buffer's first pixel (default 0, 0). Faces
     are front-facing when counter-clockwise seen from outside. Faces with a vertex behind the camera are dropped.
-    `needed > capacity` says that windows were dropped; the caller draws again with a larger capacity.
+    `needed > capacity` says that windows were dropped; the caller draws again with a larger capacity. `places` is what
+    `corner_places` says, where the caller knows it.
+
+    A first pass counts the windows of every face; the planes are computed for those only that are drawn, from the
+    corners of the face of each window.
     """
     top, left = (jnp.zeros((), jnp.int32),) * 2 if corner is None else (corner[0], corner[1])
-    x, y, inverse = lax.optimization_barrier(
-        tuple(tuple(look_up(values, corner) for corner in faces) for values in screen)
-    )
-    scale = layout.depth_levels / (depth_range[1] - depth_range[0])
-    level = [jnp.clip((d - depth_range[0]) * scale, 0.0, float(layout.depth_levels)) + 1.0 for d in inverse]
-    low_x, low_y, low_inverse = (jnp.minimum(jnp.minimum(a, b), c) for a, b, c in (x, y, inverse))
-    high_x, high_y = (jnp.maximum(jnp.maximum(a, b), c) for a, b, c in (x, y))
-    start_x, start_y = jnp.ceil(low_x), jnp.ceil(low_y)
-    last_x, last_y = jnp.floor(high_x), jnp.floor(high_y)
-    near = (low_inverse > 0) & (jnp.minimum(low_x, low_y) > -_FAR_PIXEL) & (jnp.maximum(high_x, high_y) < _FAR_PIXEL)
-    hit = (last_x >= left) & (last_y >= top) & (start_x <= left + width - 1) & (start_y <= top + height - 1)
-    hit &= (last_x >= start_x) & (last_y >= start_y)
+    places = corner_places(screen, faces) if places is None else places
+    seen = _set_up(places, top, left, height, width)
+    drawn = seen.drawn if active is None else seen.drawn & active
+    counts = lax.optimization_barrier(jnp.where(drawn, seen.across * seen.down, 0))
+    item, rank, needed = expand(counts, capacity)
 
-    ax, bx, cx = (value - start_x for value in x)
-    ay, by, cy = (value - start_y for value in y)
-    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    draw_it = near & hit & (area < -1e-8)
-    if active is not None:
-        draw_it &= active
-    inv_area = 1.0 / jnp.where(draw_it, area, -1.0)
+    scale = layout.depth_levels / (depth_range[1] - depth_range[0])
+    levels = jnp.clip((screen[2] - depth_range[0]) * scale, 0.0, float(layout.depth_levels)) + 1.0
+    item, rank, levels = lax.optimization_barrier((item, rank, levels))
+    of_item = lax.optimization_barrier(tuple(look_up(vertices, item) for vertices in faces))
+    level = lax.optimization_barrier(tuple(look_up(levels, vertex) for vertex in of_item))
+    number = look_up(face_numbers, item)
+    face = _set_up(corner_places(screen, jnp.stack(of_item)), top, left, height, width)
+    (ax, bx, cx), (ay, by, cy) = face.places
+    inv_area = jnp.where(face.drawn, 1.0 / jnp.where(face.drawn, face.area, -1.0), 0.0)
     a0, b0 = -(cy - by) * inv_area, (cx - bx) * inv_area
     a1, b1 = -(ay - cy) * inv_area, (ax - cx) * inv_area
-    c0, c1 = -(a0 * bx + b0 * by), -(a1 * cx + b1 * cy)
+    c0, c1 = jnp.where(face.drawn, -(a0 * bx + b0 * by), -1.0), -(a1 * cx + b1 * cy)  # empty if rounding says so
     d0, d1 = level[0] - level[2], level[1] - level[2]
     az, bz, cz = a0 * d0 + a1 * d1, b0 * d0 + b1 * d1, c0 * d0 + c1 * d1 + level[2]
 
-    def whole(value: Array) -> Array:
-        return jnp.where(draw_it, value, 0.0).astype(jnp.int32)
-
-    first_x, first_y = whole(start_x), whole(start_y)
-    skip_x, skip_y = jnp.maximum(left - first_x, 0) // WINDOW, jnp.maximum(top - first_y, 0) // WINDOW
-    end_x = (jnp.minimum(whole(last_x), left + width - 1) - first_x) // WINDOW
-    end_y = (jnp.minimum(whole(last_y), top + height - 1) - first_y) // WINDOW
-    across = jnp.where(draw_it, end_x - skip_x + 1, 0)
-    item, rank, needed = expand(across * jnp.where(draw_it, end_y - skip_y + 1, 0), capacity)
-
-    table = jnp.stack(
-        [a0, b0, c0, a1, b1, c1, az, bz, cz]
-        + [_as_float(v) for v in (first_x, first_y, skip_x, skip_y, jnp.maximum(across, 1), face_numbers)]
-        + [a0],
-        axis=1,
-    )[item]
-    first_x, first_y, skip_x, skip_y, across, number = (_as_int(table[:, k]) for k in range(9, 15))
-    step_y = rank // across
+    (first_x, first_y), (skip_x, skip_y), across = face.first, face.skip, jnp.maximum(face.across, 1)
+    step_y = ((rank.astype(jnp.float32) + 0.5) / across.astype(jnp.float32)).astype(jnp.int32)  # exact below 2^22
     offset_x, offset_y = (skip_x + rank - step_y * across) * WINDOW, (skip_y + step_y) * WINDOW
-    fx, fy = offset_x.astype(jnp.float32), offset_y.astype(jnp.float32)
-    records = jnp.stack(
-        [
-            *(table[:, 0], table[:, 1], table[:, 2] + table[:, 0] * fx + table[:, 1] * fy),
-            *(table[:, 3], table[:, 4], table[:, 5] + table[:, 3] * fx + table[:, 4] * fy),
-            *(table[:, 6], table[:, 7], table[:, 8] + table[:, 6] * fx + table[:, 7] * fy),
-            _as_float(first_x + offset_x - left + WINDOW),
-            _as_float(first_y + offset_y - top + WINDOW),
-            _as_float(number),
-        ],
-        axis=1,
-    )
-    return Jobs(records, jnp.minimum(needed, capacity), needed)
+    fx, fy = lax.optimization_barrier((offset_x.astype(jnp.float32), offset_y.astype(jnp.float32)))
+    planes = (a0, b0, c0 + a0 * fx + b0 * fy, a1, b1, c1 + a1 * fx + b1 * fy, az, bz, cz + az * fx + bz * fy)
+    column, row = first_x + offset_x - left + WINDOW, first_y + offset_y - top + WINDOW
+    # Kept apart, one array each: the loop that draws reads them in turn, and a table would have to be written first.
+    planes, column, row, number = lax.optimization_barrier((planes, column, row, number))
+    return Jobs(planes, column, row, number, jnp.minimum(needed, capacity), needed)
 
 
-def _window_keys(record: Float[Array, "12"], layout: KeyLayout) -> Int[Array, "8 8"]:
+def _window_keys(planes: tuple[Array, ...], face: Int[Array, ""], layout: KeyLayout) -> Int[Array, "8 8"]:
     lane_x = jnp.arange(WINDOW, dtype=jnp.float32)[None, :]
     lane_y = jnp.arange(WINDOW, dtype=jnp.float32)[:, None]
-    first = record[2] + record[0] * lane_x + record[1] * lane_y
-    second = record[5] + record[3] * lane_x + record[4] * lane_y
-    level = record[8] + record[6] * lane_x + record[7] * lane_y
+    first, second, level = (c + a * lane_x + b * lane_y for a, b, c in (planes[:3], planes[3:6], planes[6:]))
     inside = jnp.minimum(jnp.minimum(first, second), 1.0 - first - second) >= 0
     bounded = jnp.clip(level, 1.0, layout.depth_levels + 1.0).astype(jnp.int32)
-    return jnp.where(inside, (bounded << layout.id_bits) | _as_int(record[11]), 0)
+    return jnp.where(inside, (bounded << layout.id_bits) | face, 0)
 
 
 Driver = Literal["loop", "scatter"]
@@ -200,10 +231,10 @@ def draw_in_turn(
     """Draw the windows one after the other. Iterate particles with `lax.map`, not `vmap`."""
 
     def body(i: Array, keys: Array) -> Array:
-        record = jobs.records[i]
-        corner = (_as_int(record[10]) + first_row, _as_int(record[9]))
+        planes, column, row, face = jax.tree.map(lambda values: look_up(values, i), jobs[:4])
+        corner = (row + first_row, column)
         old = lax.dynamic_slice(keys, corner, (WINDOW, WINDOW))
-        return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(record, layout)), corner)
+        return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(planes, face, layout)), corner)
 
     return lax.fori_loop(0, jobs.count, body, buffer)
 
@@ -212,10 +243,10 @@ def draw_scatter(
     buffer: Int[Array, "padded_height padded_width"], jobs: Jobs, layout: KeyLayout, first_row: int | Array = 0
 ) -> Int[Array, "padded_height padded_width"]:
     """Draw all windows at once by a scatter of maxima: the form for `vmap` on a GPU or TPU. Same keys, same bits."""
-    keys = jax.vmap(lambda record: _window_keys(record, layout))(jobs.records)
-    live = (jnp.arange(jobs.records.shape[0]) < jobs.count)[:, None, None]
+    keys = jax.vmap(lambda planes, face: _window_keys(planes, face, layout))(jobs.planes, jobs.face)
+    live = (jnp.arange(jobs.face.shape[0]) < jobs.count)[:, None, None]
     lanes = jnp.arange(WINDOW)
-    index_x = _as_int(jobs.records[:, 9])[:, None, None] + lanes[None, None, :]
-    index_y = first_row + _as_int(jobs.records[:, 10])[:, None, None] + lanes[None, :, None]
+    index_x = jobs.column[:, None, None] + lanes[None, None, :]
+    index_y = first_row + jobs.row[:, None, None] + lanes[None, :, None]
     flat = jnp.where(live & (keys > 0), index_y * buffer.shape[1] + index_x, buffer.size)
     return buffer.reshape(-1).at[flat.reshape(-1)].max(keys.reshape(-1), mode="drop").reshape(buffer.shape)
