@@ -1,7 +1,8 @@
 """Results that are kept: what tracking found when somebody last looked at it and was content.
 
 `JAXMOCAP_RENEW_GOLDEN=1 pytest -n 0 -m slow -k golden tests/track` writes them anew. There is a file per backend, since
-another one adds in another order and its search ends elsewhere.
+another one adds in another order and its search ends elsewhere. Another processor does so too: before you look for what
+moved a result, see whether it has moved without your change.
 """
 
 import json

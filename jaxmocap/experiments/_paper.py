@@ -137,6 +137,19 @@ def paper(
     return trials if quick else trials + _more(captures, seeds, base)
 
 
+def _silhouettes(dance: CaptureSpec, seeds: Sequence[int], base: Run) -> list[Trial]:
+    """The methods that rest on silhouettes, and ours, with views that are few and near, few and far apart, and more:
+    that decides their order (Fig. 15)."""
+    captures = [
+        replace(
+            dance.varied(num_cameras=views, view_angle_degrees=degrees), name=f"{views}-views-{degrees:g}-degrees-apart"
+        )
+        for views, degrees in ((2, 27.0), (2, 80.0), (3, 60.0))
+    ]
+    methods = ("ours", "hasler-5", "posecut", "hasler-1")
+    return [replace(trial, experiment="Fig. 15 views") for trial in comparison(captures, seeds, base, methods)]
+
+
 def _more(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run) -> list[Trial]:
     """What the paper does not vary, and the resolution of its grid."""
     arms, light = captures[ARMS], captures[LIGHT]
@@ -162,6 +175,7 @@ def _more(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run) 
     trials += varied("view angle", "degrees", angles, seeds, base)
     cameras = {f"{n}": dance.varied(num_cameras=n) for n in (1, 2, 3)}
     trials += varied("cameras", "cameras", cameras, seeds, base, Inputs(start="truth"))
+    trials += _silhouettes(dance, seeds, base)
     sizes = {f"{w} x {h}": dance.varied(size=(w, h)) for w, h in ((240, 136), (320, 180), (480, 270), (640, 360))}
     trials += varied("resolution", "pixels", sizes, seeds, base)
     dimming = {f"{v}": light.varied(illumination_change=v) for v in (0.0, 0.2, 0.35, 0.5)}

@@ -89,12 +89,13 @@ def expand(
 
 
 def corner_places(screen: Float[Array, "3 vertex"], faces: Int[Array, "3 face"]) -> Places:
-    """Columns and rows of the three corners of every face; those of a vertex behind the camera are `BEHIND`."""
+    """Columns and rows of the three corners of every face; those of a vertex behind the camera are `BEHIND`. Both are
+    looked up as one complex number, since look-ups are what this takes."""
     seen = screen[2] > 0
-    columns, rows = lax.optimization_barrier(tuple(jnp.where(seen, place, BEHIND) for place in screen[:2]))
-    return lax.optimization_barrier(
-        (tuple(look_up(columns, corner) for corner in faces), tuple(look_up(rows, corner) for corner in faces))
-    )
+    columns, rows = (jnp.where(seen, place, BEHIND) for place in screen[:2])
+    places = lax.optimization_barrier(lax.complex(columns, rows))
+    corners = lax.optimization_barrier(tuple(look_up(places, corner) for corner in faces))
+    return tuple(jnp.real(corner) for corner in corners), tuple(jnp.imag(corner) for corner in corners)
 
 
 def doubled_area(places: Places) -> Float[Array, "face"]:

@@ -58,6 +58,14 @@ def test_the_whole_paper_varies_what_ours_adds():
     assert {t.run.seed for t in paper()} == {0, 1, 2}
 
 
+def test_silhouettes_are_seen_from_few_and_from_far_apart_views():
+    trials = [t for t in paper(seeds=(0,)) if t.experiment == "Fig. 15 views"]
+    filmed = {(a["num_cameras"], a["view_angle_degrees"]) for a in (t.run.capture.arguments for t in trials)}
+    assert filmed == {(2, 27.0), (2, 80.0), (3, 60.0)}
+    assert len({t.run.capture_name for t in trials}) == 3
+    assert {t.value for t in trials} == {"ours", "hasler-5", "posecut", "hasler-1"}
+
+
 @pytest.mark.parametrize(("quick", "quality"), [(True, "draft"), (True, "normal"), (False, "normal")])
 def test_all_settings_of_the_paper_can_be_made(quick, quality):
     """Names of settings that do not exist would only be found hours later."""
