@@ -284,7 +284,7 @@ class ViewView(eqx.Module):
         below = jnp.stack([region.cut(base[c], c, border=WINDOW) for c in cameras])
         whole = crop(base).reshape(problem.num_cameras, -1)
         bare = _Prepared(pairs, between, packed, whole, own, far, below, None)
-        known = lax.map(lambda way: self._known(*way, bare, region, problem, layout), (pairs, between))
+        known = lax.map(lambda way: self._known(way[0], way[1], bare, region, problem, layout), (pairs, between))
         return bare._replace(known=known)
 
     def _known(
