@@ -66,14 +66,12 @@ GROUPS = ("root", "torso", "l_arm", "l_leg")
 
 
 def median_ms(sides: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Median process time of every side in milliseconds, taken in turns after one call that warms up. Before each call
-    the threads of the side before have time to come to rest: Embree's go on spinning, which would count here."""
+    """Median process time of every side in milliseconds, taken in turns after one call that warms up."""
     times: dict[str, list[float]] = {name: [] for name in sides}
     for call in sides.values():
         call()
     for _ in range(repeats):
         for name, call in sides.items():
-            time.sleep(0.02)
             begin = time.process_time()
             call()
             times[name].append(1e3 * (time.process_time() - begin))

@@ -138,8 +138,8 @@ def paper(
 
 
 def _silhouettes(dance: CaptureSpec, seeds: Sequence[int], base: Run) -> list[Trial]:
-    """The methods that rest on silhouettes, and ours, with views that are few and near, few and far apart, and more:
-    that decides their order (Fig. 15)."""
+    """The methods that rest on silhouettes, and ours, with views that are few and near, few and far apart, and more, on
+    which the order of Fig. 15 depends."""
     captures = [
         replace(
             dance.varied(num_cameras=views, view_angle_degrees=degrees), name=f"{views}-views-{degrees:g}-degrees-apart"
