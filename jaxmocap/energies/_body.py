@@ -13,10 +13,10 @@ from jaxmocap.character import Character, Pose, blend, skin
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import (
     BEHIND,
+    Driver,
     Jobs,
     KeyLayout,
     Places,
-    corner_places,
     doubled_area,
     draw,
     empty_buffer,
@@ -109,7 +109,7 @@ def base_buffers(
 
     def view(camera: Array) -> tuple[Array, Array]:
         screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
-        jobs = window_jobs(
+        jobs, _ = window_jobs(
             screen,
             character.faces.T,
             numbers,
@@ -133,14 +133,13 @@ def part_jobs(
     camera: int | Int[Array, ""],
     region: Region,
     capacity: int,
+    driver: Driver | None = None,
 ) -> tuple[Jobs, Places]:
     """Windows of the part in one view's region, and the corners of its faces on the screen."""
     screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
-    corner, depths, places = region.corners[camera], problem.depth_range[camera], corner_places(screen, part.faces)
-    jobs = window_jobs(
-        *(screen, part.faces, part.face_numbers, None, *region.size, depths, part.layout, capacity, corner, places)
-    )
-    return jobs, places
+    depths, corner = problem.depth_range[camera], region.corners[camera]
+    shared = (part.faces, part.face_numbers, None, *region.size, depths, part.layout, capacity, corner, driver)
+    return window_jobs(screen, *shared)
 
 
 def pixels_outside(places: Places, corner: Int[Array, "2"], size: tuple[int, int]) -> Float[Array, ""]:

@@ -161,11 +161,11 @@ def _score(energy, character, part, pose, problem, region, base, increments, cap
         moved, posed = particle
 
         def view(below: Array, camera: Array) -> tuple[Array, tuple[Array, Array]]:
-            jobs, places = part_jobs(part, posed, problem, camera, region, capacity)
+            jobs, places = part_jobs(part, posed, problem, camera, region, capacity, driver)
             outside = pixels_outside(places, region.corners[camera], region.size)
             return draw(below, jobs, layout, camera * height, driver), (outside, jobs.needed)
 
-        drawn, (outside, needed) = lax.scan(view, base.buffers.reshape(-1, width), jnp.arange(problem.num_cameras))
+        drawn, (outside, needed) = lax.scan(view, base.buffers.reshape(-1, width, 1), jnp.arange(problem.num_cameras))
         drawn = drawn.reshape(base.buffers.shape)
         values = [
             term.score_pose(character.skeleton, moved, problem)

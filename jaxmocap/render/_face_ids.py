@@ -39,7 +39,7 @@ def _face_ids(vertices, faces, intrinsics, cam_from_world, origins, height, widt
         projection, world, origin = view
         depth_range = inverse_depth_range(vertices, world)
         screen = to_screen(vertices, projection, origin)
-        jobs = window_jobs(screen, faces.T, numbers, None, height, width, depth_range, layout, capacity)
+        jobs, _ = window_jobs(screen, faces.T, numbers, None, height, width, depth_range, layout, capacity)
         keys = crop(draw(empty_buffer(layout, height, width), jobs, layout))
         ids = layout.face(keys)
         inverse = jnp.where(ids >= 0, layout.inverse_depth(keys, depth_range), 0.0)

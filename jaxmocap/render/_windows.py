@@ -6,17 +6,20 @@ one vectorised pass over the faces; the windows are then applied one after the o
 where XLA turns the loop into one in-place kernel) or all at once by a scatter (the form for a GPU or TPU).
 """
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ._keys import WINDOW, KeyLayout
 
 _FAR_PIXEL = 30000.0
 _BLOCKS = 256
+_AT_ONCE = 512
 BEHIND = 1e6
 """Column and row of a vertex behind the camera: beyond all that is drawn, and finite."""
 
@@ -24,16 +27,39 @@ Places = tuple[tuple[Float[Array, "n"], ...], tuple[Float[Array, "n"], ...]]
 """Columns and rows of the three corners of faces."""
 
 
-class Jobs(NamedTuple):
-    """Windows to draw, the first `count` of `capacity`. `planes` are a, b, c of a x + b y + c over a window's pixels:
-    two barycentric ones and the depth level's. `column` and `row` are of its first pixel in the padded buffer."""
+Driver = Literal["loop", "scatter"]
+"""How windows are listed and drawn: one after the other, or all at once. Both make the same bits."""
 
-    planes: tuple[Float[Array, "capacity"], ...]
-    column: Int[Array, "capacity"]
-    row: Int[Array, "capacity"]
-    face: Int[Array, "capacity"]
+
+def best_driver() -> Driver:
+    """The loop on a CPU; the scatter, under `vmap`, on everything else."""
+    return "loop" if jax.default_backend() == "cpu" else "scatter"
+
+
+class Jobs(eqx.Module):
+    """Windows to draw: slot i holds window number `rank[i]` of face `item[i]`, for the first `count` of `capacity`
+    slots. The rest is what their planes are computed from."""
+
+    item: Int[Array, "capacity"]
+    rank: Int[Array, "capacity"]
     count: Int[Array, ""]
     needed: Int[Array, ""]
+    faces: Int[Array, "3 face"]
+    numbers: Int[Array, "face"]
+    points: Complex[Array, "vertex"]
+    levels: Float[Array, "vertex"]
+    corner: tuple[Int[Array, ""], Int[Array, ""]]
+    size: tuple[int, int] = eqx.field(static=True)
+
+
+class Windows(NamedTuple):
+    """Windows ready to draw. `planes` are a, b, c of a x + b y + c over a window's pixels: two barycentric ones and the
+    depth level's. `column` and `row` are of its first pixel in the padded buffer."""
+
+    planes: tuple[Float[Array, "n"], ...]
+    column: Int[Array, "n"]
+    row: Int[Array, "n"]
+    face: Int[Array, "n"]
 
 
 def to_screen(
@@ -88,13 +114,43 @@ def expand(
     return item, jnp.arange(capacity, dtype=jnp.int32) - look_up(starts, item), ends[-1]
 
 
-def corner_places(screen: Float[Array, "3 vertex"], faces: Int[Array, "3 face"]) -> Places:
-    """Columns and rows of the three corners of every face; those of a vertex behind the camera are `BEHIND`. Both are
-    looked up as one complex number, since look-ups are what this takes."""
+def expand_in_turn(
+    counts: Int[Array, "n"], capacity: int
+) -> tuple[Int[Array, "capacity"], Int[Array, "capacity"], Int[Array, ""]]:
+    """What `expand` says, found one item and one slot after the other, which a CPU does in a third of the time."""
+
+    def put(values: Array, value: Array, slot: Array) -> Array:
+        return lax.dynamic_update_slice(values, value.astype(jnp.int32)[None], (slot,))
+
+    def mark(item: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        marks, start = found  # an item without slots is overwritten by the next
+        return put(marks, item, jnp.minimum(start, capacity)), start + look_up(counts, item)
+
+    nothing = jnp.zeros((), jnp.int32)
+    marks, total = lax.fori_loop(0, counts.shape[0], mark, (jnp.full(capacity + 1, -1, jnp.int32), nothing))
+
+    def fill(slot: Array, found: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        items, ranks, item, rank = found
+        marked = look_up(marks, slot)
+        item, rank = jnp.where(marked >= 0, marked, item), jnp.where(marked >= 0, 0, rank + 1)
+        return put(items, item, slot), put(ranks, rank, slot), item, rank
+
+    empty = jnp.zeros(capacity, jnp.int32)
+    items, ranks, _, _ = lax.fori_loop(0, jnp.minimum(total, capacity), fill, (empty, empty, nothing, nothing))
+    return items, ranks, total
+
+
+def screen_points(screen: Float[Array, "3 vertex"]) -> Complex[Array, "vertex"]:
+    """Column and row as one complex number, since look-ups are what takes time; those of a vertex behind the camera are
+    `BEHIND`."""
     seen = screen[2] > 0
     columns, rows = (jnp.where(seen, place, BEHIND) for place in screen[:2])
-    places = lax.optimization_barrier(lax.complex(columns, rows))
-    corners = lax.optimization_barrier(tuple(look_up(places, corner) for corner in faces))
+    return lax.optimization_barrier(lax.complex(columns, rows))
+
+
+def corner_places(points: Complex[Array, "vertex"], faces: Sequence[Int[Array, "n"]] | Int[Array, "3 n"]) -> Places:
+    """Columns and rows of the three corners of every face."""
+    corners = lax.optimization_barrier(tuple(look_up(points, corner) for corner in faces))
     return tuple(jnp.real(corner) for corner in corners), tuple(jnp.imag(corner) for corner in corners)
 
 
@@ -150,32 +206,39 @@ def window_jobs(
     layout: KeyLayout,
     capacity: int,
     corner: Int[Array, "2"] | None = None,
-    places: Places | None = None,
-) -> Jobs:
-    """Set-up of every front face that touches a rectangle of `height` x `width` pixels, expanded to windows.
+    driver: Driver | None = None,
+) -> tuple[Jobs, Places]:
+    """The windows of every front face that touches a rectangle of `height` x `width` pixels, and the corners of all
+    faces on the screen.
 
     `corner` is the row and column, in the coordinates of `screen`, of the buffer's first pixel (default 0, 0). Faces
     are front-facing when counter-clockwise seen from outside. Faces with a vertex behind the camera are dropped.
-    `needed > capacity` says that windows were dropped; the caller draws again with a larger capacity. `places` is what
-    `corner_places` says, where the caller knows it.
-
-    A first pass counts the windows of every face; the planes are computed for those only that are drawn, from the
-    corners of the face of each window.
+    `needed > capacity` says that windows were dropped; the caller draws again with a larger capacity. The default
+    driver is the machine's `best_driver`.
     """
     top, left = (jnp.zeros((), jnp.int32),) * 2 if corner is None else (corner[0], corner[1])
-    places = corner_places(screen, faces) if places is None else places
+    points = screen_points(screen)
+    places = corner_places(points, faces)
     seen = _set_up(places, top, left, height, width)
     drawn = seen.drawn if active is None else seen.drawn & active
     counts = lax.optimization_barrier(jnp.where(drawn, seen.across * seen.down, 0))
-    item, rank, needed = expand(counts, capacity)
+    expanded = expand_in_turn if (driver or best_driver()) == "loop" else expand
+    item, rank, needed = expanded(counts, capacity)
 
     scale = layout.depth_levels / (depth_range[1] - depth_range[0])
     levels = jnp.clip((screen[2] - depth_range[0]) * scale, 0.0, float(layout.depth_levels)) + 1.0
     item, rank, levels = lax.optimization_barrier((item, rank, levels))
-    of_item = lax.optimization_barrier(tuple(look_up(vertices, item) for vertices in faces))
-    level = lax.optimization_barrier(tuple(look_up(levels, vertex) for vertex in of_item))
-    number = look_up(face_numbers, item)
-    face = _set_up(corner_places(screen, jnp.stack(of_item)), top, left, height, width)
+    count = jnp.minimum(needed, capacity)
+    return Jobs(item, rank, count, needed, faces, face_numbers, points, levels, (top, left), (height, width)), places
+
+
+def planned_windows(jobs: Jobs, item: Int[Array, "n"], rank: Int[Array, "n"]) -> Windows:
+    """The planes of some windows, from the corners of the face of each."""
+    top, left = jobs.corner
+    of_item = lax.optimization_barrier(tuple(look_up(vertices, item) for vertices in jobs.faces))
+    level = lax.optimization_barrier(tuple(look_up(jobs.levels, vertex) for vertex in of_item))
+    number = look_up(jobs.numbers, item)
+    face = _set_up(corner_places(jobs.points, of_item), top, left, *jobs.size)
     (ax, bx, cx), (ay, by, cy) = face.places
     inv_area = jnp.where(face.drawn, 1.0 / jnp.where(face.drawn, face.area, -1.0), 0.0)
     a0, b0 = -(cy - by) * inv_area, (cx - bx) * inv_area
@@ -191,63 +254,68 @@ def window_jobs(
     planes = (a0, b0, c0 + a0 * fx + b0 * fy, a1, b1, c1 + a1 * fx + b1 * fy, az, bz, cz + az * fx + bz * fy)
     column, row = first_x + offset_x - left + WINDOW, first_y + offset_y - top + WINDOW
     # Kept apart, one array each: the loop that draws reads them in turn, and a table would have to be written first.
-    planes, column, row, number = lax.optimization_barrier((planes, column, row, number))
-    return Jobs(planes, column, row, number, jnp.minimum(needed, capacity), needed)
+    return Windows(*lax.optimization_barrier((planes, column, row, number)))
 
 
-def _window_keys(planes: tuple[Array, ...], face: Int[Array, ""], layout: KeyLayout) -> Int[Array, "8 8"]:
-    lane_x = jnp.arange(WINDOW, dtype=jnp.float32)[None, :]
-    lane_y = jnp.arange(WINDOW, dtype=jnp.float32)[:, None]
+def _window_keys(planes: tuple[Array, ...], face: Int[Array, ""], layout: KeyLayout) -> Int[Array, "8 8 1"]:
+    """The keys of a face in a window, 0 where it is not. The last axis is there for XLA on a CPU: it unrolls the
+    innermost loop, and of two loops the columns would be unrolled and the rows, which lie far apart, become vectors."""
+    lane_x = jnp.arange(WINDOW, dtype=jnp.float32)[None, :, None]
+    lane_y = jnp.arange(WINDOW, dtype=jnp.float32)[:, None, None]
     first, second, level = (c + a * lane_x + b * lane_y for a, b, c in (planes[:3], planes[3:6], planes[6:]))
-    inside = jnp.minimum(jnp.minimum(first, second), 1.0 - first - second) >= 0
+    inside = (first >= 0) & (second >= 0) & (1.0 - first - second >= 0)
     bounded = jnp.clip(level, 1.0, layout.depth_levels + 1.0).astype(jnp.int32)
     return jnp.where(inside, (bounded << layout.id_bits) | face, 0)
 
 
-Driver = Literal["loop", "scatter"]
-"""How windows are drawn: one after the other, or all at once. Both make the same bits."""
-
-
-def best_driver() -> Driver:
-    """The loop on a CPU; the scatter, under `vmap`, on everything else."""
-    return "loop" if jax.default_backend() == "cpu" else "scatter"
-
-
 def draw(
-    buffer: Int[Array, "padded_height padded_width"],
+    buffer: Int[Array, "padded_height padded_width *one"],
     jobs: Jobs,
     layout: KeyLayout,
     first_row: int | Array = 0,
     driver: Driver | None = None,
-) -> Int[Array, "padded_height padded_width"]:
+) -> Int[Array, "padded_height padded_width *one"]:
     """Draw the windows into the buffer, whose picture may start further down at `first_row`. The default driver is the
-    machine's `best_driver`."""
+    machine's `best_driver`. In a loop give the buffer a last axis of length one: XLA would copy it to add one."""
     put = draw_in_turn if (driver or best_driver()) == "loop" else draw_scatter
     return put(buffer, jobs, layout, first_row)
 
 
 def draw_in_turn(
-    buffer: Int[Array, "padded_height padded_width"], jobs: Jobs, layout: KeyLayout, first_row: int | Array = 0
-) -> Int[Array, "padded_height padded_width"]:
-    """Draw the windows one after the other. Iterate particles with `lax.map`, not `vmap`."""
+    buffer: Int[Array, "padded_height padded_width *one"], jobs: Jobs, layout: KeyLayout, first_row: int | Array = 0
+) -> Int[Array, "padded_height padded_width *one"]:
+    """Draw the windows one after the other, some hundred planned at a time, so that empty slots cost nothing. Iterate
+    particles with `lax.map`, not `vmap`."""
+    capacity = jobs.item.shape[0]
+    at_once = min(_AT_ONCE, capacity)
+    missing = -capacity % at_once
+    items, ranks = (jnp.pad(values, (0, missing)) for values in (jobs.item, jobs.rank))
 
-    def body(i: Array, keys: Array) -> Array:
-        planes, column, row, face = jax.tree.map(lambda values: look_up(values, i), jobs[:4])
-        corner = (row + first_row, column)
-        old = lax.dynamic_slice(keys, corner, (WINDOW, WINDOW))
-        return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(planes, face, layout)), corner)
+    def some(turn: Array, keys: Array) -> Array:
+        first = turn * at_once
+        windows = planned_windows(jobs, *(lax.dynamic_slice(values, (first,), (at_once,)) for values in (items, ranks)))
 
-    return lax.fori_loop(0, jobs.count, body, buffer)
+        def one(i: Array, keys: Array) -> Array:
+            planes, column, row, face = jax.tree.map(lambda values: look_up(values, i), windows)
+            corner = (row + first_row, column, jnp.zeros((), row.dtype))
+            old = lax.dynamic_slice(keys, corner, (WINDOW, WINDOW, 1))
+            return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(planes, face, layout)), corner)
+
+        return lax.fori_loop(0, jnp.minimum(jobs.count - first, at_once), one, keys)
+
+    keys = lax.fori_loop(0, -(-jobs.count // at_once), some, buffer.reshape(*buffer.shape[:2], 1))
+    return keys.reshape(buffer.shape)
 
 
 def draw_scatter(
-    buffer: Int[Array, "padded_height padded_width"], jobs: Jobs, layout: KeyLayout, first_row: int | Array = 0
-) -> Int[Array, "padded_height padded_width"]:
+    buffer: Int[Array, "padded_height padded_width *one"], jobs: Jobs, layout: KeyLayout, first_row: int | Array = 0
+) -> Int[Array, "padded_height padded_width *one"]:
     """Draw all windows at once by a scatter of maxima: the form for `vmap` on a GPU or TPU. Same keys, same bits."""
-    keys = jax.vmap(lambda planes, face: _window_keys(planes, face, layout))(jobs.planes, jobs.face)
-    live = (jnp.arange(jobs.face.shape[0]) < jobs.count)[:, None, None]
+    windows = planned_windows(jobs, jobs.item, jobs.rank)
+    keys = jax.vmap(lambda planes, face: _window_keys(planes, face, layout)[..., 0])(windows.planes, windows.face)
+    live = (jnp.arange(jobs.item.shape[0]) < jobs.count)[:, None, None]
     lanes = jnp.arange(WINDOW)
-    index_x = jobs.column[:, None, None] + lanes[None, None, :]
-    index_y = first_row + jobs.row[:, None, None] + lanes[None, :, None]
+    index_x = windows.column[:, None, None] + lanes[None, None, :]
+    index_y = first_row + windows.row[:, None, None] + lanes[None, :, None]
     flat = jnp.where(live & (keys > 0), index_y * buffer.shape[1] + index_x, buffer.size)
     return buffer.reshape(-1).at[flat.reshape(-1)].max(keys.reshape(-1), mode="drop").reshape(buffer.shape)

@@ -14,7 +14,9 @@ from jaxmocap.render import (
     draw_scatter,
     empty_buffer,
     expand,
+    expand_in_turn,
     inverse_depth_range,
+    planned_windows,
     projection_matrices,
     to_screen,
     window_jobs,
@@ -38,7 +40,7 @@ class Picture:
     def jobs(self, faces=None, numbers=None, active=None, capacity=CAPACITY, size=(HEIGHT, WIDTH), corner=None):
         faces = self.faces if faces is None else faces
         numbers = self.numbers if numbers is None else numbers
-        return _jobs(self.screen, faces, numbers, active, *size, self.depth_range, self.layout, capacity, corner)
+        return _jobs(self.screen, faces, numbers, active, *size, self.depth_range, self.layout, capacity, corner)[0]
 
     def draw(self, jobs, buffer=None, size=(HEIGHT, WIDTH)):
         buffer = empty_buffer(self.layout, *size) if buffer is None else buffer
@@ -119,7 +121,8 @@ def test_overflow_is_reported_and_draws_a_part(picture):
 
 def test_windows_stay_inside_the_border(picture):
     jobs = picture.jobs()
-    corners = np.stack([jobs.column, jobs.row], 1)[: int(jobs.count)]
+    windows = planned_windows(jobs, jobs.item, jobs.rank)
+    corners = np.stack([windows.column, windows.row], 1)[: int(jobs.count)]
     assert corners.min() >= 0
     assert np.all(corners + WINDOW <= [WIDTH + 2 * WINDOW, HEIGHT + 2 * WINDOW])
 
@@ -132,7 +135,7 @@ def test_mapping_over_particles_sees_the_same_faces_as_one_at_a_time(picture):
 
     def keys(shift, driver):
         screen = picture.screen.at[0].add(shift)
-        jobs = window_jobs(
+        jobs, _ = window_jobs(
             screen, picture.faces, picture.numbers, None, HEIGHT, WIDTH, picture.depth_range, picture.layout, CAPACITY
         )  # fmt: skip
         return crop(driver(empty_buffer(picture.layout, HEIGHT, WIDTH), jobs, picture.layout))
@@ -148,34 +151,37 @@ def test_mapping_over_particles_sees_the_same_faces_as_one_at_a_time(picture):
     assert np.any(looped[1] != looped[0])
 
 
-_expand = jax.jit(expand, static_argnums=1)
+ways_to_expand = pytest.mark.parametrize("way", [expand, expand_in_turn])
 
 
-def test_expansion_repeats_items_by_their_counts():
+@ways_to_expand
+def test_expansion_repeats_items_by_their_counts(way):
     counts = np.array([0, 3, 0, 1, 2, 0], np.int32)
-    item, rank, total = _expand(jnp.asarray(counts), 10)
+    item, rank, total = way(jnp.asarray(counts), 10)
     assert int(total) == 6
     np.testing.assert_array_equal(item[:6], np.repeat(np.arange(6), counts))
     np.testing.assert_array_equal(rank[:6], [0, 1, 2, 0, 0, 1])
 
 
-def test_expansion_is_exact_for_many_items():
-    counts = np.random.default_rng(0).integers(0, 4, 5_000).astype(np.int32)
-    item, rank, total = _expand(jnp.asarray(counts), 16384)
-    assert int(total) == counts.sum()
-    np.testing.assert_array_equal(item[: counts.sum()], np.repeat(np.arange(5_000), counts))
-    np.testing.assert_array_equal(rank[: counts.sum()], np.concatenate([np.arange(n) for n in counts]))
+@ways_to_expand
+def test_expansion_fills_what_room_there_is(way):
+    item, rank, total = way(jnp.array([2, 0, 3, 4], jnp.int32), 4)
+    assert int(total) == 9
+    np.testing.assert_array_equal(item, [0, 0, 2, 2])
+    np.testing.assert_array_equal(rank, [0, 1, 0, 1])
 
 
-def test_expansion_of_nothing():
-    _, _, total = _expand(jnp.zeros(5, jnp.int32), 4)
+@ways_to_expand
+def test_expansion_of_nothing(way):
+    _, _, total = way(jnp.zeros(5, jnp.int32), 4)
     assert int(total) == 0
 
 
+@ways_to_expand
 @pytest.mark.parametrize("length", [1, 64, 5_000, 16_385, 300_000])
-def test_items_are_repeated_as_often_as_said_however_many_there_are(length):
+def test_items_are_repeated_as_often_as_said_however_many_there_are(length, way):
     counts = np.random.default_rng(0).integers(0, 4, length).astype(np.int32)
-    item, rank, total = expand(jnp.asarray(counts), 4 * length)
+    item, rank, total = way(jnp.asarray(counts), 4 * length)
     assert int(total) == counts.sum()
     expected = np.repeat(np.arange(length), counts)
     np.testing.assert_array_equal(item[:total], expected)
