@@ -62,19 +62,26 @@ from jaxmocap.synthetic import make_capture, write_capture
 
 CAPACITY = 16384
 EPSILON = 1e-3
+AT_LEAST = 0.1  # seconds that are timed at once
 GROUPS = ("root", "torso", "l_arm", "l_leg")
 
 
 def median_ms(sides: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Median process time of every side in milliseconds, taken in turns after one call that warms up."""
+    """Median process time of a call of every side in milliseconds. The sides take turns, each with as many calls as
+    fill `AT_LEAST`: some systems count the time of a process in steps of 4 ms."""
     times: dict[str, list[float]] = {name: [] for name in sides}
-    for call in sides.values():
+    calls = {}
+    for name, call in sides.items():
+        call()  # warms up
+        begin = time.perf_counter()
         call()
+        calls[name] = int(np.ceil(AT_LEAST / (time.perf_counter() - begin)))
     for _ in range(repeats):
         for name, call in sides.items():
             begin = time.process_time()
-            call()
-            times[name].append(1e3 * (time.process_time() - begin))
+            for _ in range(calls[name]):
+                call()
+            times[name].append(1e3 * (time.process_time() - begin) / calls[name])
     return {name: float(np.median(taken)) for name, taken in times.items()}
 
 
