@@ -18,7 +18,10 @@ _TOLERANCE = 0.1
 
 _SPREAD = 0.4
 """Centimetres between the errors of two seeds, or of the roundings of two machines, on the quick suite (measured); it
-holds where every run has one seed."""
+holds where every run has one seed and the baseline knows no better."""
+
+_ENOUGH = 4
+"""So many seeds tell the spread of a figure by itself; with fewer it is pooled over all."""
 
 
 def figure(
@@ -50,18 +53,19 @@ def figures_of(rows: Sequence[Row]) -> list[Figure]:
         error = row.get("marker_error_cm")
         if row["method"] == "ours" and error is not None and np.isfinite(error):
             groups.setdefault((row["experiment"], row["capture"], row["value"]), []).append(float(error))
-    spread = _spread(list(groups.values()))
-    figures, pooled = [], dict[tuple[str, str], list[list[float]]]()
+    pooled = _spread(list(groups.values()))
+    figures, members = [], dict[tuple[str, str], list[list[float]]]()
     for (experiment, capture, value), errors in groups.items():
-        figures.append(
-            _error(f"{experiment}, {capture}, {value}: marker error", float(np.median(errors)), spread, errors)
-        )
-        pooled.setdefault((experiment, value), []).append(errors)
-    for (experiment, value), members in pooled.items():
-        if len(members) > 1:
-            name = f"{experiment}, mean of {len(members)} captures, {value}: marker error"
-            mean = float(np.mean([np.median(errors) for errors in members]))
-            figures.append(_error(name, mean, spread, [error for errors in members for error in errors]))
+        metric = f"{experiment}, {capture}, {value}: marker error"
+        spread = _spread([errors]) if len(errors) >= _ENOUGH else pooled
+        figures.append(_error(metric, float(np.median(errors)), spread, len(errors)))
+        members.setdefault((experiment, value), []).append(errors)
+    for (experiment, value), every in members.items():
+        if len(every) > 1:
+            metric = f"{experiment}, mean of {len(every)} captures, {value}: marker error"
+            spread = _spread(every) if len(every[0]) >= _ENOUGH else pooled
+            mean = float(np.mean([np.median(errors) for errors in every]))
+            figures.append(_error(metric, mean, spread, sum(map(len, every))))
     failed = len({row["key"] for row in rows if row["status"] != "done"})
     return [*figures, figure("failed runs", failed, "runs", 0.0)]
 
@@ -74,8 +78,22 @@ def _spread(groups: Sequence[Sequence[float]]) -> float:
     return float(np.sqrt(sum(np.var(e) * len(e) for e in several) / sum(len(e) - 1 for e in several)))
 
 
-def _error(metric: str, value: float, spread: float, runs: Sequence[float]) -> Figure:
-    return figure(metric, value, "cm", _TOLERANCE + 3 * spread / np.sqrt(len(runs)) / max(value, 1e-6))
+def _error(metric: str, value: float, spread: float, runs: int) -> Figure:
+    """A median or mean of errors, with their standard deviation between seeds and how many they are."""
+    about: Figure = {"spread": round(spread, 5), "runs": runs}
+    return figure(metric, value, "cm", _tolerance(value, spread, runs)) | about
+
+
+def _tolerance(value: float, spread: float, runs: float) -> float:
+    return _TOLERANCE + 3 * spread / np.sqrt(runs) / max(value, 1e-6)
+
+
+def _as_chance_allows(one: Figure, earlier: Figure | None) -> Figure:
+    """The figure with the tolerance that the spread of the baseline gives its runs, where the baseline knows one."""
+    if earlier is None or "spread" not in earlier:
+        return one
+    value, spread, runs = (float(str(x)) for x in (earlier["value"], earlier["spread"], one["runs"]))
+    return one | {"tolerance": _tolerance(value, spread, runs)}
 
 
 def write_figures(figures: Sequence[Figure], path: Path, **about: Any) -> None:
@@ -89,7 +107,7 @@ def complaints(figures: Sequence[Figure], path: Path, **about: Any) -> list[str]
     try:
         whole = json.loads(path.read_text())
         baseline = whole["figures"]
-        known = {entry["metric"] for entry in baseline}
+        known = {entry["metric"]: entry for entry in baseline}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"the baseline {path} cannot be read ({error}); give the figures.json of an earlier run."
@@ -99,7 +117,8 @@ def complaints(figures: Sequence[Figure], path: Path, **about: Any) -> list[str]
             raise InputError(
                 f"the baseline {path} has {name} {whole[name]}, this run {value}; give one of runs like these."
             )
-    missing = sorted(known - {str(one["metric"]) for one in figures})
+    missing = sorted(set(known) - {str(one["metric"]) for one in figures})
     if len(missing) == len(known):
         raise InputError(f"the baseline {path} is one of other experiments: it has no figure in common with this run.")
-    return [*worse(figures, baseline), *(f"{metric}: not measured this time" for metric in missing)]
+    allowed = [_as_chance_allows(one, known.get(one["metric"])) for one in figures]
+    return [*worse(allowed, baseline), *(f"{metric}: not measured this time" for metric in missing)]

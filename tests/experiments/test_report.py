@@ -112,6 +112,22 @@ def test_seeds_that_agree_make_the_gate_narrow(tmp_path):
     assert len(complaints(figures_of(worse_by), baseline)) == 1
 
 
+def test_a_baseline_of_many_seeds_knows_what_chance_does_to_each_capture(tmp_path):
+    """One capture moves by a centimetre from seed to seed, the other hardly: a single run is held against either."""
+    baseline = tmp_path / "figures.json"
+    apart = {"hard": (2.0, 3.0, 4.0, 4.5, 3.5, 2.5), "easy": (2.0, 2.1, 2.0, 1.9, 2.0, 2.0)}
+    six = [row("comparison", "ours", name, n, cm) for name, errors in apart.items() for n, cm in enumerate(errors)]
+    write_figures(figures_of(six), baseline)
+
+    def one_run(hard, easy):
+        rows = [row("comparison", "ours", "hard", 7, hard), row("comparison", "ours", "easy", 7, easy)]
+        return [text.split(":")[0] for text in complaints(figures_of(rows), baseline)]
+
+    assert one_run(5.0, 2.1) == []
+    assert one_run(3.2, 3.0) == ["comparison, easy, ours"]
+    assert "comparison, hard, ours" in one_run(7.0, 2.0)
+
+
 def test_another_failure_and_a_figure_that_is_missing_are_regressions(rows, tmp_path):
     baseline = tmp_path / "figures.json"
     write_figures(figures_of(rows), baseline)
