@@ -152,7 +152,7 @@ def _silhouettes(dance: CaptureSpec, seeds: Sequence[int], base: Run) -> list[Tr
 
 
 def _as_printed(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run, quality) -> list[Trial]:
-    """The stories of Fig. 1 without the prior of the search, which the paper does not have and which rescues two."""
+    """The stories of Fig. 1 without the prior of the search, which the paper does not have and which rescues, too."""
     parts: list[Setting] = [
         ("all parts", {}, {}),
         *(without(f"no {term}", quality) for term in ("background", "view-view")),
