@@ -49,14 +49,8 @@ from jaxmocap.energies import (
     search_energy,
     uncovered_cost,
 )
-from jaxmocap.observation import (
-    FrameImages,
-    FrameProblem,
-    Observations,
-    fit_capture_appearance,
-    place_rectangle,
-    projected_box,
-)
+from jaxmocap.observation import FrameImages, FrameProblem, Observations, place_rectangle, projected_box
+from jaxmocap.pipeline import fit_capture_appearance
 from jaxmocap.render import WINDOW, crop, face_ids
 from jaxmocap.synthetic import make_capture, write_capture
 
@@ -149,7 +143,7 @@ def jax_scores(energy: SearchEnergy, case: Case, capacity: int = CAPACITY) -> tu
     """What the particles share, and a call that scores them with room for `capacity` windows."""
     character, part, pose, problem, region, increments = case
 
-    as_tracked = partial(eqx.filter_jit, compiler_options=quick_loops())  # as `run_often` compiles a search
+    as_tracked = partial(eqx.filter_jit, compiler_options=quick_loops())  # as `optimised_jit` compiles a search
 
     @as_tracked
     def prepared(problem):

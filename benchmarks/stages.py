@@ -19,14 +19,14 @@ from pathlib import Path
 
 import jaxmocap
 
-jaxmocap.prepare()
+jaxmocap.configure()
 
 import jax  # noqa: E402
 import numpy as np  # noqa: E402
 from figures import Figure, add_options, finish, record  # noqa: E402
 
-from jaxmocap._pipeline import track_capture  # noqa: E402
 from jaxmocap.metrics import evaluate  # noqa: E402
+from jaxmocap.pipeline import track_capture  # noqa: E402
 
 TIME_TOLERANCE = 0.5
 ERROR_TOLERANCE = 0.1

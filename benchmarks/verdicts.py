@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import jaxmocap
 
-jaxmocap.prepare()
+jaxmocap.configure()
 
 import numpy as np  # noqa: E402
 from broken_captures import (  # noqa: E402
@@ -35,9 +35,9 @@ from broken_captures import (  # noqa: E402
 from figures import Figure, add_options, finish, record  # noqa: E402
 
 from jaxmocap import InputError  # noqa: E402
-from jaxmocap._pipeline import track_capture  # noqa: E402
 from jaxmocap.metrics import Truth, joint_errors  # noqa: E402
 from jaxmocap.motion import Motion  # noqa: E402
+from jaxmocap.pipeline import track_capture  # noqa: E402
 
 WRONG = 8.0
 """Centimetres."""

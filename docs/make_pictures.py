@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 import jaxmocap as jm
-from jaxmocap.motion import write_bytes
+from jaxmocap._files import write_bytes
 from jaxmocap.viewers import contact_sheet, overlay_frames
 
 PICTURES = Path(__file__).parent / "pictures"

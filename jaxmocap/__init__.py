@@ -2,7 +2,7 @@
 
     import jaxmocap as jm
 
-    jm.prepare()                                                   # before JAX starts: compiled programs are kept
+    jm.configure()                                                   # before JAX starts: compiled programs are kept
     import jax
 
     key          = jax.random.key(0)
@@ -22,7 +22,7 @@ that one exchanges or builds with (an energy term, a sampler, a rasteriser) is p
 `jaxmocap.energies`, `jaxmocap.samplers` and so on. Modules that begin with an underscore may change without notice.
 
 Importing this package imports nothing else: names are looked up when they are first used, so that the command line
-answers at once and `prepare` can act before JAX is imported.
+answers at once and `configure` can act before JAX is imported.
 """
 
 import importlib
@@ -32,7 +32,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ._results import InputError as InputError
-from ._runtime import prepare as prepare
+from ._runtime import configure as configure
 
 if TYPE_CHECKING:
     from ._public import *  # noqa: F403

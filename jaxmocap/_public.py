@@ -9,14 +9,15 @@ from .capture import (
     check as check,
     choose_frames as choose_frames,
 )
-from ._synchronise import sync as sync
+from jaxmocap.pipeline import sync as sync
 from .camera import Cameras as Cameras, read_cameras as read_cameras, write_cameras as write_cameras
 from .calibration import Calibration as Calibration, adopt_cameras as adopt_cameras
-from ._calibrate import calibrate as calibrate
+from jaxmocap.pipeline import calibrate as calibrate
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .rigging import RiggedMesh as RiggedMesh, body as body, open_actor as open_actor, rig as rig
 from .appearance import Appearance as Appearance
-from .observation import Observations as Observations, fit_capture_appearance as fit_capture_appearance
+from .observation import Observations as Observations
+from jaxmocap.pipeline import fit_capture_appearance as fit_capture_appearance
 from .render import SoftSettings as SoftSettings
 from .energies import SearchEnergy as SearchEnergy, search_energy as search_energy, soft_score as soft_score
 from .samplers import (
@@ -26,24 +27,20 @@ from .samplers import (
 )
 from .refiners import LeastSquares as LeastSquares, Shooting as Shooting
 from .motion import Motion as Motion
-from .track import (
-    CharacterFit as CharacterFit,
-    CharacterFitSettings as CharacterFitSettings,
-    PolishPlan as PolishPlan,
-    Registration as Registration,
-    DetectionPlan as DetectionPlan,
-    Tracker as Tracker,
-    appearance_preset as appearance_preset,
-    fit_character as fit_character,
-    observe as observe,
-    polish as polish,
-    read_pose_file as read_pose_file,
-    masks_of as masks_of,
-    register as register,
-    segment_person as segment_person,
-    track as track,
-    with_settings as with_settings,
-)
+from .track import Tracker as Tracker, track as track, with_settings as with_settings
+from jaxmocap.registration import CharacterFit as CharacterFit
+from jaxmocap.registration import CharacterFitSettings as CharacterFitSettings
+from jaxmocap.search import PolishPlan as PolishPlan
+from jaxmocap.registration import Registration as Registration
+from jaxmocap.refinement import DetectionPlan as DetectionPlan
+from jaxmocap.appearance import appearance_preset as appearance_preset
+from jaxmocap.registration import fit_character as fit_character
+from jaxmocap.observation import observe as observe
+from jaxmocap.search import polish as polish
+from jaxmocap.registration import read_pose_file as read_pose_file
+from jaxmocap.registration import masks_of as masks_of
+from jaxmocap.registration import register as register
+from jaxmocap.registration import segment_person as segment_person
 from .calibration import RefinedCameras as RefinedCameras, refine_cameras as refine_cameras
 from .metrics import evaluate as evaluate
 from .datasets import import_dataset as import_dataset
@@ -59,6 +56,7 @@ from .viewers import (
     view as view,
     write_rerun as write_rerun,
 )
-from ._pipeline import track_capture as track_capture
-from ._doctor import Diagnosis as Diagnosis, doctor as doctor
+from jaxmocap.pipeline import track_capture as track_capture
+from jaxmocap.pipeline import Diagnosis as Diagnosis
+from jaxmocap.pipeline import doctor as doctor
 from .experiments import Benchmark as Benchmark, bench as bench

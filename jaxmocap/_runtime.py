@@ -4,7 +4,10 @@ import ctypes
 import os
 import platform
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -14,7 +17,7 @@ _MOST_MAPS = 30_000
 _SHORTEST_COMPILATION = 0.0  # seconds: hundreds of small programs take longer to compile than to read
 
 
-def prepare() -> None:
+def configure() -> None:
     """Keep compiled programs from run to run, and let JAX see every core. Call it before JAX is imported.
 
     The command line does this by itself. The cache is the user's cache folder; the environment variables
@@ -109,3 +112,17 @@ def cache_folder(name: str) -> Path:
     else:
         base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "jaxmocap" / name
+
+
+@dataclass
+class Clock:
+    """Adds up what each stage takes."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what is inside."""
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin

@@ -4,7 +4,7 @@ Glossary of axis names in annotations: `frame camera height width face vertex bo
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,3 +19,6 @@ def knob(default: float) -> Any:
     """A hyper-parameter one may sweep: an array leaf, so that changing it, or `vmap`-ing over it, never recompiles."""
     as_array: Callable[[Any], Array] = lambda value: jnp.asarray(value, dtype=jnp.float32)  # noqa: E731
     return eqx.field(converter=as_array, default=default)
+
+
+Quality = Literal["draft", "normal", "paper"]

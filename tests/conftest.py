@@ -27,7 +27,7 @@ os.environ["JAXMOCAP_PROGRAMS"] = ""  # every program is traced, so that annotat
 install_import_hook("jaxmocap", "array_checks.check_arrays")
 import jaxmocap._runtime  # noqa: E402
 
-jaxmocap._runtime.compile_sooner()  # as the command line and `prepare` do
+jaxmocap._runtime.compile_sooner()  # as the command line and `configure` do
 
 
 @pytest.fixture(scope="session")
@@ -36,6 +36,14 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"the example captures are not in {DATA}; set JAXMOCAP_DATA to their folder")
     return DATA
+
+
+@pytest.fixture(scope="session")
+def world(tmp_path_factory: pytest.TempPathFactory):
+    """The small synthetic world with a known answer that tests share, a `synthetic_world.World`."""
+    from synthetic_world import shared_world
+
+    return shared_world(tmp_path_factory)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxmocap._atomic import write_text
+from jaxmocap._files import write_text
 from jaxmocap.motion import Motion
 
 FOLDER = Path(__file__).parent / "golden_results"

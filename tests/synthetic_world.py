@@ -19,15 +19,8 @@ from jaxmocap.appearance import Appearance
 from jaxmocap.camera import project
 from jaxmocap.capture import Capture, Detections
 from jaxmocap.character import Character, Pose, landmark_positions, skin
-from jaxmocap.observation import (
-    FrameImages,
-    FrameProblem,
-    Observations,
-    Rectangle,
-    fit_capture_appearance,
-    place_rectangle,
-    projected_box,
-)
+from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle, place_rectangle, projected_box
+from jaxmocap.pipeline import fit_capture_appearance
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
 
 SIZE = (480, 270)

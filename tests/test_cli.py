@@ -93,7 +93,7 @@ def test_usage_errors_exit_with_2_and_say_what_was_expected(arguments, words, ca
 
 def test_prepare_keeps_what_the_user_has_set(monkeypatch):
     code = (
-        "import jaxmocap; jaxmocap.prepare(); import jax;"
+        "import jaxmocap; jaxmocap.configure(); import jax;"
         "print(jax.config.jax_compilation_cache_dir, jax.config.jax_persistent_cache_min_compile_time_secs,"
         "jax.device_count())"
     )
@@ -111,7 +111,7 @@ def test_prepare_keeps_what_the_user_has_set(monkeypatch):
 
 def test_prepare_adds_its_flag_for_the_compiler_to_the_user_s():
     flag = "--xla_cpu_use_fusion_emitters=false"
-    code = "import jaxmocap, os; jaxmocap.prepare(); jaxmocap.prepare(); print(os.environ.get('XLA_FLAGS'))"
+    code = "import jaxmocap, os; jaxmocap.configure(); jaxmocap.configure(); print(os.environ.get('XLA_FLAGS'))"
     said = {}
     for given in ("", "--xla_cpu_use_fusion_emitters=true", "--xla_backend_optimization_level=2"):
         environment = os.environ | {"XLA_FLAGS": given}
@@ -167,7 +167,7 @@ def test_results_of_others_are_never_overwritten(film, result, tmp_path, capsys)
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("search.calm", "NAME=VALUE was expected"),
+        ("search.gating", "NAME=VALUE was expected"),
         ("search.clam=off", "there is no 'clam'"),
         ("refine.rounds=few", "a whole number from 0 was expected"),
     ],

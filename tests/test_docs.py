@@ -18,15 +18,10 @@ from jaxmocap.character import rest_pose, skin
 from jaxmocap.character._dof_table import joint_dofs
 from jaxmocap.energies import Region, SearchEnergy, body_part, prepare_base, score_particles
 from jaxmocap.motion import Motion
-from jaxmocap.observation import (
-    build_problem,
-    fit_capture_appearance,
-    place_rectangle,
-    projected_box,
-    surface_of,
-)
+from jaxmocap.observation import build_problem, observe, place_rectangle, projected_box, surface_of
+from jaxmocap.pipeline import fit_capture_appearance
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
-from jaxmocap.track import observe, track
+from jaxmocap.track import track
 
 ROOT = Path(__file__).parents[1]
 

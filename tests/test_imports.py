@@ -11,13 +11,13 @@ PACKAGE = Path(__file__).parents[1] / "jaxmocap"
 ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
     ("experiments",),
-    ("_pipeline", "_calibrate", "_doctor"),
-    ("_prepare", "_run_folder", "_kept_stages"),
-    ("_complete", "_synchronise", "_self_test"),
+    ("pipeline",),
     ("baselines", "datasets"),
     ("viewers",),
     ("exporters", "importers", "metrics"),
-    ("track", "calibration"),
+    ("calibration", "track"),
+    ("verdict", "registration"),
+    ("search", "refinement"),
     ("rigging",),
     ("energies", "samplers", "refiners", "motion"),
     ("observation",),
@@ -26,9 +26,9 @@ ROWS = (
     ("capture",),
     ("camera",),
     ("geometry",),
-    ("_kept_programs",),
-    ("_records",),
-    ("_inputs", "_types", "_results", "_runtime", "_atomic"),
+    ("_cache",),
+    ("_files",),
+    ("_types", "_results", "_runtime"),
 )
 RANK: dict[str, float] = {name: row for row, names in enumerate(ROWS) for name in names}
 RANK["synthetic"] = RANK["rigging"] + 0.5
@@ -43,8 +43,11 @@ HOST_PACKAGES = {
     "viewers",
     "synthetic",
     "appearance",
-    "track",
-    "_doctor",
+    "registration",
+    "refinement",
+    "search",
+    "verdict",
+    "pipeline",
     "_cli",
     "baselines",
     "datasets",
@@ -106,14 +109,14 @@ def test_samplers_and_refiners_know_neither_cameras_nor_bodies():
 def test_the_package_imports_nothing_heavy_until_a_name_is_used():
     code = (
         "import sys, jaxmocap; heavy = {'jax', 'cv2', 'numpy', 'scipy'} & set(sys.modules); assert not heavy, heavy;"
-        "jaxmocap.prepare(); assert 'jax' not in sys.modules; jaxmocap.Pose; assert 'jax' in sys.modules"
+        "jaxmocap.configure(); assert 'jax' not in sys.modules; jaxmocap.Pose; assert 'jax' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_the_function_track_is_public_and_its_package_importable_in_either_order():
-    code = "{first}; {second}; assert callable(jaxmocap.track) and jaxmocap.track is track; assert register"
-    one, two = "from jaxmocap.track import track, register", "import jaxmocap; jaxmocap.Tracker"
+    code = "{first}; {second}; assert callable(jaxmocap.track) and jaxmocap.track is track; assert motion_of"
+    one, two = "from jaxmocap.track import track, motion_of", "import jaxmocap; jaxmocap.Tracker"
     for first, second in ((one, two), (two, one)):
         subprocess.run([sys.executable, "-c", code.format(first=first, second=second)], check=True)
 

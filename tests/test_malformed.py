@@ -362,7 +362,7 @@ def begin(*_, **__):
 
 def test_the_sound_inputs_are_taken(sound, tmp_path, capsys, monkeypatch):
     """Otherwise a refusal would say nothing about the damage. The clips have no motion that fits, and are left out."""
-    monkeypatch.setattr("jaxmocap._pipeline.prepare", begin)
+    monkeypatch.setattr("jaxmocap.pipeline._track_capture.register_and_learn", begin)
     for verb, name in sorted({case.values[:2] for case in CASES}):
         words = arguments(verb, sound, sound / name, tmp_path / verb.replace(" ", "_"))
         if verb.startswith("track"):
@@ -375,7 +375,7 @@ def test_the_sound_inputs_are_taken(sound, tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(("verb", "name", "damage"), CASES)
 def test_it_is_refused_or_taken(sound, tmp_path, capsys, monkeypatch, verb, name, damage):
     """`track` is stopped where the selected frames would be registered."""
-    monkeypatch.setattr("jaxmocap._pipeline.prepare", begin)
+    monkeypatch.setattr("jaxmocap.pipeline._track_capture.register_and_learn", begin)
     capture = Path(shutil.copytree(sound, tmp_path / "in" / "capture"))
     damage(capture / name)
     before, start = tree(tmp_path / "in"), time.perf_counter()

@@ -79,7 +79,7 @@ Settings = Annotated[
     tyro.conf.arg(
         name="set",
         metavar="NAME=VALUE ...",
-        help="Change single settings, such as search.calm=off refine.rounds=6: attributes of Tracker, with dots.",
+        help="Change single settings, such as search.gating=off refine.rounds=6: attributes of Tracker, with dots.",
         help_behavior_hint="",
     ),
 ]
@@ -91,7 +91,7 @@ def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
     for text in texts:
         name, equals, value = text.partition("=")
         if not (name and equals and value):
-            raise InputError(f"--set has {text!r}; NAME=VALUE was expected, such as search.calm=off.")
+            raise InputError(f"--set has {text!r}; NAME=VALUE was expected, such as search.gating=off.")
         found[name] = value
     return found
 

@@ -62,7 +62,7 @@ def body(
     """Write a body of any size, the built-in one, Anny's or MHR's, for fit-character or as an actor."""
     import numpy as np
 
-    from jaxmocap.motion import atomic_path
+    from jaxmocap._files import atomic_path
     from jaxmocap.rigging import body
 
     refuse_unusable(out)

@@ -58,7 +58,7 @@ def calibrate(
     """Find the poses and lenses of moving cameras from their videos, and complete capture.toml.
 
     A list of videos with --out is synchronised first, and becomes a new capture; --camera-distance tells its scale."""
-    from jaxmocap._calibrate import calibrate
+    from jaxmocap.pipeline import calibrate
 
     lengths = _focal_lengths(focal)
     with progress() as report:

@@ -39,9 +39,9 @@ def check(
 
 
 def _draw(path: Path, file: Path) -> None:
+    from jaxmocap._files import write_bytes
     from jaxmocap.calibration import draw_cameras, png_bytes
     from jaxmocap.capture import Capture
-    from jaxmocap.motion import write_bytes
 
     if file.suffix.lower() != ".png":
         raise InputError(f"--picture is {file}; a file name that ends in .png was expected")

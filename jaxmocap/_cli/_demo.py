@@ -32,8 +32,8 @@ def demo(
     json: Json = False,
 ) -> int:
     """Film a synthetic dancer with two handheld cameras, track, and compare with the truth. Needs no data."""
-    from jaxmocap._pipeline import track_capture
     from jaxmocap.metrics import evaluate, evaluation_table
+    from jaxmocap.pipeline import track_capture
     from jaxmocap.synthetic import make_capture, write_capture
 
     if frames < 2:

@@ -11,7 +11,7 @@ from ._arguments import Json
 from ._output import say, show
 
 if TYPE_CHECKING:
-    from jaxmocap._doctor import Diagnosis
+    from jaxmocap.pipeline import Diagnosis
 
 UNSOUND = 1
 
@@ -22,7 +22,7 @@ def doctor(
 ) -> int:
     """Print versions, devices, caches, codecs and optional parts, and run a self-test of some seconds. Exits with 1 if
     something is wrong."""
-    from jaxmocap._doctor import doctor
+    from jaxmocap.pipeline import doctor
 
     if test:
         say("self-test ... (about ten seconds; a minute the first time, when programs are compiled)")
@@ -32,7 +32,7 @@ def doctor(
 
 
 def _tables(found: "Diagnosis") -> Group:
-    from jaxmocap._doctor import EXTRAS
+    from jaxmocap.pipeline import EXTRAS
 
     rows = [(name, one) for name, one in found.versions.items()]
     system = found.system

@@ -13,7 +13,7 @@ from ._rig import refuse_unusable
 if TYPE_CHECKING:
     from jaxmocap.capture import Capture
     from jaxmocap.character import Character
-    from jaxmocap.track import CharacterFit
+    from jaxmocap.registration import CharacterFit
 
 
 def fit_character(
@@ -31,9 +31,9 @@ def fit_character(
     json: Json = False,
 ) -> int:
     """Fit bone lengths and girths of a generic actor to the person filmed, for use as `--actor` or in capture.toml."""
+    from jaxmocap._files import atomic_path
     from jaxmocap.capture import Capture
-    from jaxmocap.motion import atomic_path
-    from jaxmocap.track import fit_character
+    from jaxmocap.registration import fit_character
 
     refuse_unusable(out)
     opened = Capture.open(capture)
@@ -49,7 +49,7 @@ def fit_character(
 
 
 def _generic(capture: "Capture", actor: Path | None) -> "Character":
-    from jaxmocap._pipeline import open_character
+    from jaxmocap.pipeline import open_character
     from jaxmocap.rigging import body
 
     if actor is None and capture.actor is None:

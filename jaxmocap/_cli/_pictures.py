@@ -11,7 +11,7 @@ def write_png(path: Path, image: "np.ndarray") -> None:
     """Write an RGB uint8 image, atomically."""
     import cv2
 
-    from jaxmocap.motion import write_bytes
+    from jaxmocap._files import write_bytes
 
     write_bytes(path, cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
 

@@ -48,8 +48,8 @@ def read_motion(
     json: Json = False,
 ) -> int:
     """Read a clip as a motion of a character, for evaluate and export."""
+    from jaxmocap._files import claim_output
     from jaxmocap.importers import read_motion
-    from jaxmocap.motion import claim_output
     from jaxmocap.rigging import open_actor
 
     with claim_output(out) as staging:

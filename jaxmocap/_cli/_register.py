@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jaxmocap.camera import Cameras
     from jaxmocap.capture import Capture
     from jaxmocap.character import Character
-    from jaxmocap.track import Registration
+    from jaxmocap.registration import Registration
 
 
 def register(
@@ -31,11 +31,16 @@ def register(
     """Fit the actor at the selected frames and draw it over them, to look at before tracking."""
     import jax
 
-    from jaxmocap._complete import mask_record, with_person_masks, with_selected_frames
-    from jaxmocap._pipeline import open_character, registration_record
+    from jaxmocap._files import atomic_folder, write_json
     from jaxmocap.capture import Capture
-    from jaxmocap.motion import atomic_folder, write_json
-    from jaxmocap.track import read_pose_file, register
+    from jaxmocap.pipeline import (
+        mask_record,
+        open_character,
+        registration_record,
+        with_person_masks,
+        with_selected_frames,
+    )
+    from jaxmocap.registration import read_pose_file, register
 
     refuse_if_taken(out)
     opened = Capture.open(capture)

@@ -103,7 +103,7 @@ def rig(
     if out is None:
         raise InputError("--out FILE.glb is needed, a new file for the character (or --pictures DIR).")
 
-    from jaxmocap.motion import atomic_path
+    from jaxmocap._files import atomic_path
     from jaxmocap.rigging import rig
 
     refuse_unusable(out)

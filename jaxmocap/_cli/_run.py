@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import tyro
 
 from jaxmocap._results import InputError
-from jaxmocap._runtime import prepare
+from jaxmocap._runtime import configure
 
 from ._bench import bench
 from ._body import body
@@ -65,7 +65,7 @@ frame is to be trusted; 1 an error of jaxmocap itself, please report the traceba
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command; the exit code. Each verb is a function that returns its own. Usage errors exit with 2."""
-    prepare()
+    configure()
     try:
         return tyro.extras.subcommand_cli_from_dict(
             _COMMANDS,

@@ -12,7 +12,7 @@ from ._pictures import mask_words, write_png
 from ._register import refuse_if_taken
 
 if TYPE_CHECKING:
-    from jaxmocap._complete import MaskRecord
+    from jaxmocap.pipeline import MaskRecord
 
 
 def segment(
@@ -26,11 +26,10 @@ def segment(
     import jax
     import numpy as np
 
-    from jaxmocap._complete import mask_record, with_person_masks, with_selected_frames
-    from jaxmocap._pipeline import open_character
+    from jaxmocap._files import atomic_folder, write_json
     from jaxmocap.capture import Capture, mask_file
-    from jaxmocap.motion import atomic_folder, write_json
-    from jaxmocap.track import read_pose_file
+    from jaxmocap.pipeline import mask_record, open_character, with_person_masks, with_selected_frames
+    from jaxmocap.registration import read_pose_file
     from jaxmocap.viewers import draw_mask
 
     refuse_if_taken(out)

@@ -22,7 +22,7 @@ def sync(
     json: Json = False,
 ) -> int:
     """Find when each video started, by a flash, by sound or by motion, and write the offsets into capture.toml."""
-    from jaxmocap._synchronise import sync
+    from jaxmocap.pipeline import sync
 
     with progress() as report:
         found = sync(capture, out, method=method, progress=report)

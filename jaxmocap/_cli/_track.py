@@ -58,8 +58,8 @@ def track(
     json: Json = False,
 ) -> int:
     """Track the person through a capture and write the result. Exits with 3 if not every frame is to be trusted."""
-    from jaxmocap._pipeline import track_capture
     from jaxmocap.capture import Capture
+    from jaxmocap.pipeline import track_capture
 
     changes = {"polish": "on"} if polish else {}
     spans = {"frames": frames, "detections-frames": detections_frames}
@@ -114,7 +114,7 @@ def report_trust(motion: "Motion") -> int:
     for span in motion.provenance["lost"]:
         if span["part"] != "body":
             say(f"The {span['part']} is lost in {where(span['first'], span['last'])}: {span['why']}.")
-    for odd in motion.provenance["odd_cameras"]:
+    for odd in motion.provenance["outlier_cameras"]:
         say(f"Camera {odd['camera']} is left out of the verdict in {where(odd['first'], odd['last'])}: {odd['why']}.")
     for doubt in motion.provenance["doubts"]:
         say(f"Do not trust {where(doubt['first'], doubt['last'])}: {doubt['why']}.")

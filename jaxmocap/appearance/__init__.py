@@ -1,6 +1,7 @@
 from ._appearance import (
     Appearance as Appearance,
     AppearanceSettings as AppearanceSettings,
+    appearance_preset as appearance_preset,
     fit_appearance as fit_appearance,
 )
 from ._background import (
@@ -40,10 +41,10 @@ from ._palette import (
 from ._plate import (
     Plate as Plate,
     PlateSettings as PlateSettings,
-    carried_plate as carried_plate,
     grid_coordinates as grid_coordinates,
     plate_beside as plate_beside,
     plate_distance as plate_distance,
     renewed_plate as renewed_plate,
+    warped_plate as warped_plate,
 )
 from ._warp import GridWarp as GridWarp, WarpSettings as WarpSettings, warp_grid as warp_grid

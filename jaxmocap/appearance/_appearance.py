@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
 from jaxmocap._results import InputError
+from jaxmocap._types import Quality
 
 from ._background import BackgroundModel, fit_background, nearest_selected
 from ._background_grid import GridSettings
@@ -203,3 +204,11 @@ def _settings_from(kind: type, plain: Mapping[str, Any]) -> Any:
             value = _settings_from(type(default), value)
         values[name] = tuple(value) if isinstance(value, list) else value
     return kind(**values)
+
+
+def appearance_preset(quality: Quality) -> AppearanceSettings:
+    """Appearance settings that go with a preset: "paper" leaves triangles that were never seen without a model, and
+    knows the background by the grid's colour models only."""
+    if quality == "paper":
+        return AppearanceSettings()
+    return AppearanceSettings(foreground=ForegroundSettings(unseen="nearest"), behind="plate")

@@ -63,7 +63,7 @@ def plate_beside(
     return Plate(image, ~_grown(person, settings.growth))
 
 
-def carried_plate(plate: Plate, warp: GridWarp, grid: GridSettings | None = None) -> Plate:
+def warped_plate(plate: Plate, warp: GridWarp, grid: GridSettings | None = None) -> Plate:
     """A plate in the frame to which `warp` carries its frame."""
     grid = GridSettings() if grid is None else grid
     height, width = plate.known.shape

@@ -4,7 +4,8 @@ cameras, mesh, first pose, selected frames and metric."""
 from collections.abc import Callable
 
 from jaxmocap._results import InputError
-from jaxmocap.track import Method, Quality, Tracker
+from jaxmocap._types import Quality
+from jaxmocap.track import Method, Tracker
 
 from ._colour_histograms import ColourHistograms as ColourHistograms, selected_histograms as selected_histograms
 from ._follower import Baseline as Baseline, Follower as Follower

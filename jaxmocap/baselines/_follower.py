@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
-from jaxmocap.character import Pose, beside, clamp, retract
+from jaxmocap._runtime import Clock
+from jaxmocap.character import Pose, clamp, nearest_equivalent, retract
+from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle
-from jaxmocap.track import Clock, FrameResult, FrameTracker, Past, Tracker, VerdictSettings
+from jaxmocap.track import FrameTracker, Tracker
+from jaxmocap.verdict import FrameResult, VerdictSettings
 
 
 class Follower(FrameTracker):
@@ -27,11 +30,11 @@ class Follower(FrameTracker):
         self.memory: Any = baseline.learn_appearance(observations)
 
     def track(self, shown: FrameImages) -> FrameResult:
-        past = self.past
+        past = self.history
         assert past is not None
         clock, skeleton = Clock(), self.character.skeleton
         if shown.frame in self.observations.key_poses:
-            start = beside(skeleton, self.observations.key_poses[shown.frame], past.pose)
+            start = nearest_equivalent(skeleton, self.observations.key_poses[shown.frame], past.pose)
         else:
             start = self.baseline.start(self, past)
         problem, rectangle = self._problem(shown, start, np.zeros(len(shown.images)), clock)
@@ -58,7 +61,7 @@ class Baseline(abc.ABC):
         """What the method knows of colours before the first frame; kept as `Follower.memory`."""
         return None
 
-    def start(self, worker: Follower, past: Past) -> Pose:
+    def start(self, worker: Follower, past: MotionHistory) -> Pose:
         """Where a frame begins: the pose that the autoregression of Eq. 10 predicts."""
         skeleton = worker.character.skeleton
         return clamp(skeleton, retract(skeleton, past.pose, past.predicted("ridge")))

@@ -9,8 +9,17 @@ import numpy as np
 from jaxtyping import Bool
 
 from jaxmocap.character import Pose
-from jaxmocap.observation import Edges, FrameImages, FrameProblem, Observations, Rectangle, mask_edges, signed_distance
-from jaxmocap.track import RegistrationSettings, draw, fit_to_masks
+from jaxmocap.observation import (
+    Edges,
+    FrameImages,
+    FrameProblem,
+    Observations,
+    Rectangle,
+    draw,
+    mask_edges,
+    signed_distance,
+)
+from jaxmocap.registration import RegistrationSettings, fit_to_masks
 
 from ._colour_histograms import ColourHistograms, selected_histograms
 from ._follower import Baseline, Follower

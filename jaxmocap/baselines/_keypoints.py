@@ -9,9 +9,11 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
 from jaxmocap.character import Character, Pose, clamp, landmark_positions, retract
+from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import BODY_25, FrameImages, FrameProblem, Observations, Rectangle
+from jaxmocap.refinement import descend, free_prior
 from jaxmocap.refiners import Shooting
-from jaxmocap.track import Past, descend, free_prior, triangulated
+from jaxmocap.registration import triangulated
 
 from ._follower import Baseline, Follower
 
@@ -57,7 +59,7 @@ class KeypointTriangulation(Baseline):
             )
         return super().follow(observations, key)
 
-    def start(self, worker: Follower, past: Past) -> Pose:
+    def start(self, worker: Follower, past: MotionHistory) -> Pose:
         """The last pose: where depth is weak, extrapolating noise would run away."""
         return past.pose
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
-from jaxmocap._types import Knob, knob
+from jaxmocap._types import Knob, Quality, knob
 from jaxmocap.samplers import (
     AbstractSampler,
     AbstractState,
@@ -19,7 +19,8 @@ from jaxmocap.samplers import (
     StepInfo,
     reflect,
 )
-from jaxmocap.track import Quality, SearchPlan, Tracker
+from jaxmocap.search import SearchPlan
+from jaxmocap.track import Tracker
 
 
 def local_only(quality: Quality = "normal") -> Tracker:

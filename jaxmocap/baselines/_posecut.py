@@ -10,9 +10,8 @@ from jaxtyping import Array, Float
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
-from jaxmocap.character import Character, Pose, Skeleton, clamp, landmark_positions, retract
+from jaxmocap.character import Character, Pose, Skeleton, clamp, initial_spread, landmark_positions, retract
 from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle
-from jaxmocap.track import initial_spread
 
 from ._colour_histograms import ColourHistograms, selected_histograms
 from ._follower import Baseline, Follower

@@ -3,10 +3,10 @@
 import shutil
 from pathlib import Path
 
+from jaxmocap._files import atomic_folder, atomic_path
 from jaxmocap._results import InputError
 from jaxmocap.camera import read_cameras
 from jaxmocap.capture import Capture
-from jaxmocap.motion import atomic_folder, atomic_path
 
 from ._in_place import free_name, name_cameras, refuse_named_cameras
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
+from jaxmocap._files import atomic_folder, write_bytes, write_json
 from jaxmocap._results import InputError
 from jaxmocap._runtime import cores
 from jaxmocap.camera import Cameras, look_at_point, read_cameras
 from jaxmocap.capture import Capture
-from jaxmocap.motion import atomic_folder, write_bytes, write_json
 
 from ._child import run_worker
 from ._gaps import refuse_gaps

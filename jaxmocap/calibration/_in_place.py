@@ -5,9 +5,9 @@ import os
 from pathlib import Path
 from typing import Any
 
+from jaxmocap._files import write_text
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture, config_path, read_config, with_cameras_line
-from jaxmocap.motion import write_text
 
 from ._calibrate import Calibration, calibrate
 

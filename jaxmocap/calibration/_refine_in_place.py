@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxmocap._files import atomic_folder, write_json, write_text
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture, config_path, with_cameras_line, with_offsets
-from jaxmocap.motion import Motion, atomic_folder, write_json, write_text
+from jaxmocap.motion import Motion
 
 from ._child import run_worker
 from ._in_place import free_name

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-from jaxmocap._atomic import atomic_folder, write_text
+from jaxmocap._files import atomic_folder, write_text
 from jaxmocap._results import InputError
 
 from ._calibration_toml import aniposelib_text, freemocap_text

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxmocap._records import digest
+from jaxmocap._cache import digest
 
 from ._capture import Capture
 from ._keypoints import keypoint_file, mask_file

@@ -1,9 +1,9 @@
 """The actor: skeleton, pose and skinning (Eqs 1, 2 and 4), and its loading from skinned files."""
 
 from ._ball_joints import (
+    away_from_limits as away_from_limits,
     ball_joints as ball_joints,
-    beside as beside,
-    roomier as roomier,
+    nearest_equivalent as nearest_equivalent,
     twin_angles as twin_angles,
 )
 from ._body_shape import (
@@ -26,6 +26,13 @@ from ._kinematics import (
     landmark_positions as landmark_positions,
     skin as skin,
 )
+from ._limbs import (
+    dominant_bodies as dominant_bodies,
+    group_bodies as group_bodies,
+    initial_spread as initial_spread,
+    limb_names as limb_names,
+    outer_halves as outer_halves,
+)
 from ._map_joints import Source as Source
 from ._nodes import local_matrix as local_matrix, parents_first as parents_first, parents_of as parents_of
 from ._place_missing import REQUIRED as REQUIRED
@@ -39,6 +46,7 @@ from ._pose import (
     rest_pose as rest_pose,
     retract as retract,
     retract_root_twist as retract_root_twist,
+    with_limb as with_limb,
 )
 from ._read_skin import RawSkin as RawSkin
 from ._rest_frame import rest_frame as rest_frame

@@ -40,7 +40,7 @@ def twin_angles(
     return other - 2 * math.pi * np.round((other - 0.5 * (lower + upper)) / (2 * math.pi))
 
 
-def roomier(skeleton: Skeleton, pose: Pose, gain: float = math.radians(10.0)) -> Pose:
+def away_from_limits(skeleton: Skeleton, pose: Pose, gain: float = math.radians(10.0)) -> Pose:
     """The same pose, each ball joint by those of its two sets of angles that are farther from the joint limits; the
     set changes only when that wins `gain` radians (host)."""
     angles = np.array(pose.angles)
@@ -53,7 +53,7 @@ def roomier(skeleton: Skeleton, pose: Pose, gain: float = math.radians(10.0)) ->
     return Pose(pose.root, jnp.asarray(angles))
 
 
-def beside(skeleton: Skeleton, pose: Pose, target: Pose) -> Pose:
+def nearest_equivalent(skeleton: Skeleton, pose: Pose, target: Pose) -> Pose:
     """The same pose, each ball joint by those angles that are nearer to the ones of `target` (host)."""
     angles, wanted = np.array(pose.angles), np.asarray(target.angles)
     for place, twice in ball_joints(skeleton):

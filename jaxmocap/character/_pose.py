@@ -73,3 +73,10 @@ def pose_from_vector(skeleton: Skeleton, vector: Float[Array, " dof"]) -> Pose:
 def clamp(skeleton: Skeleton, pose: Pose) -> Pose:
     """The pose with its joint angles clipped to the skeleton's limits; the root is free."""
     return Pose(root=pose.root, angles=jnp.clip(pose.angles, skeleton.lower, skeleton.upper))
+
+
+def with_limb(pose: Pose, limb: Pose, dofs: tuple[int, ...], share: float = 1.0) -> Pose:
+    """A pose whose angles `dofs` are moved by a share of the way to those of another one."""
+    index = jnp.array(dofs) - 6
+    here = pose.angles[index]
+    return Pose(pose.root, pose.angles.at[index].set(here + share * (limb.angles[index] - here)))

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxmocap._atomic import atomic_folder, npz_bytes
+from jaxmocap._files import atomic_folder, npz_bytes
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, write_cameras
 from jaxmocap.capture import index_video

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmocap._kept_programs import kept_jit
+from jaxmocap._cache import cached_jit
 from jaxmocap._types import Knob, knob
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import expand
@@ -131,7 +131,7 @@ def edge_targets(
     return jnp.stack([at_best(x), at_best(y)], -1), accepted
 
 
-@kept_jit
+@cached_jit
 def contour_lines(
     vertices: Float[Array, "vertex 3"],
     faces: Int[Array, "face 3"],

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxmocap._kept_programs import kept_jit
+from jaxmocap._cache import cached_jit
 from jaxmocap.character import Character, Pose, retract, skin
 
 
@@ -75,7 +75,7 @@ def rays(
     return centre, direction, jnp.cross(jnp.broadcast_to(centre, direction.shape), direction)
 
 
-@kept_jit
+@cached_jit
 def surface_lines(
     vertices: Float[Array, "vertex 3"],
     faces: Int[Array, "face 3"],

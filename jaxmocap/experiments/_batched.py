@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from jaxmocap._results import InputError
-from jaxmocap.character import Character, Pose
+from jaxmocap.character import Character, Pose, initial_spread
 from jaxmocap.energies import BodyPart, Region, SearchEnergy, body_part, part_jobs, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import Driver, best_driver
 from jaxmocap.samplers import AbstractSampler, run
-from jaxmocap.track import initial_spread, with_settings
+from jaxmocap.track import with_settings
 
 
 class BatchedSearch(NamedTuple):

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jaxmocap._atomic import write_json
+from jaxmocap._files import write_json
 from jaxmocap._results import InputError
 
 from ._table import Row

@@ -11,11 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmocap._complete import with_person_masks, with_selected_frames
-from jaxmocap._pipeline import open_character
 from jaxmocap._results import InputError
 from jaxmocap._runtime import make_room, versions
-from jaxmocap.appearance import Appearance
+from jaxmocap.appearance import Appearance, appearance_preset
 from jaxmocap.baselines import method
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, Detections, content_hash
@@ -23,18 +21,11 @@ from jaxmocap.character import Character, Pose
 from jaxmocap.geometry import so3_exp
 from jaxmocap.metrics import evaluate
 from jaxmocap.motion import Motion
-from jaxmocap.observation import fit_capture_appearance
-from jaxmocap.track import (
-    FrameResult,
-    Tracker,
-    appearance_preset,
-    key_poses_of,
-    motion_of,
-    observe,
-    register,
-    track_frames,
-    with_settings,
-)
+from jaxmocap.observation import key_poses_of, observe
+from jaxmocap.pipeline import fit_capture_appearance, open_character, with_person_masks, with_selected_frames
+from jaxmocap.registration import register
+from jaxmocap.track import Tracker, motion_of, track_frames, with_settings
+from jaxmocap.verdict import FrameResult
 
 from ._run import Inputs, Run
 from ._suite import DETECTIONS, CaptureSpec, film

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxmocap._atomic import write_text
+from jaxmocap._files import write_text
 from jaxmocap.capture import Capture
 from jaxmocap.motion import Motion
 from jaxmocap.viewers import jpeg_bytes, overlay_frames

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmocap._atomic import atomic_folder, write_text
+from jaxmocap._files import atomic_folder, write_text
 from jaxmocap.capture import KEYPOINT_NAMES
 from jaxmocap.synthetic import SyntheticCapture, body_25, make_capture, write_capture
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxmocap._atomic import write_json, write_text
-from jaxmocap._inputs import code_hash
+from jaxmocap._cache import code_hash
+from jaxmocap._files import write_json, write_text
 from jaxmocap._results import InputError
 
 from ._perform import perform

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxmocap._atomic import atomic_path, write_text
+from jaxmocap._files import atomic_path, write_text
 from jaxmocap._results import InputError
 
 from ._run import Trial

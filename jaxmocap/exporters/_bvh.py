@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxmocap._atomic import write_text
+from jaxmocap._files import write_text
 from jaxmocap.character import BODIES
 from jaxmocap.motion import Motion
 

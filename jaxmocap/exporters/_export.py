@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxmocap._atomic import atomic_folder, atomic_path
+from jaxmocap._files import atomic_folder, atomic_path
 from jaxmocap._results import InputError
 from jaxmocap.motion import Motion, continuous, turned
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmocap._atomic import write_text
+from jaxmocap._files import write_text
 from jaxmocap._results import InputError
 from jaxmocap.motion import Motion, turned
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from jaxmocap._results import InputError
-from jaxmocap.character import BODIES, Character, Pose, Skeleton, angles_at_rest, build_skeleton, roomier
+from jaxmocap.character import BODIES, Character, Pose, Skeleton, angles_at_rest, away_from_limits, build_skeleton
 from jaxmocap.motion import Motion, continuous
 
 from ._bvh import read_bvh
@@ -67,7 +67,9 @@ def read_motion(
     placed = root.copy()
     pelvis = root[:, :3, :3] @ own.rig.places["pelvis"] + root[:, :3, 3]
     placed[:, :3, 3] = pelvis - root[:, :3, :3] @ np.asarray(character.skeleton.pelvis, np.float64)
-    first = roomier(character.skeleton, Pose(jnp.asarray(placed[0], jnp.float32), jnp.asarray(angles[0], jnp.float32)))
+    first = away_from_limits(
+        character.skeleton, Pose(jnp.asarray(placed[0], jnp.float32), jnp.asarray(angles[0], jnp.float32))
+    )
     angles[0] = np.asarray(first.angles)
     poses = Pose(jnp.asarray(placed, jnp.float32), jnp.asarray(angles, jnp.float32))
     provenance = {"clip": str(path.resolve())} | ({"actor": str(path.resolve())} if own_body else {})

@@ -37,7 +37,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxmocap._atomic import atomic_path, json_text, npz_bytes, plain
+from jaxmocap._files import atomic_path, json_text, npz_bytes, plain
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Skeleton, capsules

@@ -11,6 +11,7 @@ from ._detections import (
     nearest_person as nearest_person,
     stacked_keypoints as stacked_keypoints,
 )
+from ._draw import draw as draw, full_image_ids as full_image_ids
 from ._edges import (
     background_edges as background_edges,
     image_edges as image_edges,
@@ -46,11 +47,16 @@ from ._observe import (
     Observations as Observations,
     build_problem as build_problem,
     facing_cosine as facing_cosine,
-    fit_capture_appearance as fit_capture_appearance,
-    full_image_ids as full_image_ids,
+    key_poses_of as key_poses_of,
+    observe as observe,
     simplified_surface as simplified_surface,
     surface_of as surface_of,
 )
 from ._problem import Clusters as Clusters, Edges as Edges, FrameProblem as FrameProblem, Surface as Surface
-from ._rectangle import Rectangle as Rectangle, place_rectangle as place_rectangle, projected_box as projected_box
+from ._rectangle import (
+    Rectangle as Rectangle,
+    frame_rectangle as frame_rectangle,
+    place_rectangle as place_rectangle,
+    projected_box as projected_box,
+)
 from ._standing_still import standing_still as standing_still

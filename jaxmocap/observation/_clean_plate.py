@@ -10,10 +10,10 @@ from jaxmocap.appearance import (
     AppearanceSettings,
     GridWarp,
     Plate,
-    carried_plate,
     plate_distance,
     renewed_plate,
     warp_grid,
+    warped_plate,
 )
 
 from ._flow import dense_flow, flow_agrees
@@ -45,7 +45,7 @@ class CleanPlate:
         if frame == self.frame:
             return self
         warp = neighbour_warp(self.image, self.person, image, person, self.settings)
-        plate = carried_plate(self.plate if self.renewed is None else self.renewed, warp, self.settings.grid)
+        plate = warped_plate(self.plate if self.renewed is None else self.renewed, warp, self.settings.grid)
         return CleanPlate(self.settings, frame, plate, image, person)
 
     def distance(self, window: Window) -> Float[np.ndarray, "height width"]:

@@ -1,38 +1,37 @@
 """From decoded images to a `FrameProblem`: the one doorway into arrays."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
+from jaxtyping import Array, Bool, Float, Int, UInt8
 
-from jaxmocap._kept_programs import kept_jit
+from jaxmocap._cache import cached_jit
 from jaxmocap.appearance import (
     Appearance,
-    AppearanceSettings,
     ColourSettings,
     ForegroundModel,
     GridWarp,
     background_distance,
-    carried_plate,
-    fit_appearance,
     label_image,
     plate_beside,
     warp_grid,
+    warped_plate,
     whitening,
 )
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, Detections
 from jaxmocap.character import Character, Pose, skin
 from jaxmocap.geometry import faces_within, pack_rows
-from jaxmocap.render import face_ids, inverse_depth_range
+from jaxmocap.render import inverse_depth_range
 
 from ._clean_plate import CleanPlate
 from ._detections import expected_keypoints, nearest_person, stacked_keypoints
+from ._draw import full_image_ids
 from ._edges import background_edges, image_edges
 from ._features import FeatureSettings, FrameFeatures, frame_features, match_background
 from ._light import relit
@@ -74,62 +73,6 @@ def facing_cosine(
     return (normal * view).sum(1) / np.maximum(length, 1e-12)
 
 
-def full_image_ids(
-    character: Character, vertices: Float[Array, "vertex 3"], cameras: Cameras, frame: int
-) -> list[np.ndarray]:
-    """Face numbers over the whole image of every camera, -1 where the mesh is not seen."""
-    view = cameras.at(frame)
-    intrinsics, cam_from_world = np.asarray(view.intrinsics), np.asarray(view.cam_from_world)
-    result = []
-    for camera, (width, height) in enumerate(cameras.sizes):
-        pick = slice(camera, camera + 1)
-        ids, _ = face_ids(
-            vertices,
-            character.faces,
-            intrinsics[pick],
-            cam_from_world[pick],
-            np.zeros((1, 2), np.int32),
-            height,
-            width,
-        )
-        result.append(np.asarray(ids)[0])
-    return result
-
-
-def fit_capture_appearance(
-    capture: Capture,
-    cameras: Cameras,
-    character: Character,
-    key_poses: dict[int, Pose],
-    *,
-    key: PRNGKeyArray,
-    masks: dict[int, list[Bool[np.ndarray, "height width"] | None]] | None = None,
-    settings: AppearanceSettings | None = None,
-) -> Appearance:
-    """Appearance models (Eq. 3) of a capture from its registered selected frames.
-
-    `key_poses` maps each selected frame to its registered pose. Masks are the capture's; where it has none, the
-    rendered silhouette takes its place.
-    """
-    selected = sorted(key_poses)
-    ids, images, facing, person = [], [], [], []
-    for frame in selected:
-        vertices = skin(character, key_poses[frame])
-        centres = np.asarray(cameras.centres())[:, frame]
-        ids.append(full_image_ids(character, vertices, cameras, frame))
-        images.append([capture.image(camera, frame) for camera in range(cameras.num_cameras)])
-        facing.append([facing_cosine(np.asarray(vertices), np.asarray(character.faces), centre) for centre in centres])
-        found = (
-            masks[frame]
-            if masks is not None
-            else [capture.mask(camera, frame) for camera in range(cameras.num_cameras)]
-        )
-        person.append([m if m is not None else i >= 0 for m, i in zip(found, ids[-1], strict=True)])
-    return fit_appearance(
-        ids, images, facing, np.asarray(character.faces), selected, key=key, masks=person, settings=settings
-    )
-
-
 def surface_of(character: Character, appearance: Appearance | None, num_cameras: int) -> Surface:
     """The character's tables for scoring. Without an appearance (registration) every face is at distance tau."""
     faces = np.asarray(character.faces)
@@ -146,7 +89,7 @@ def surface_of(character: Character, appearance: Appearance | None, num_cameras:
     return Surface(tables, near, mean_colours, known, clusters)
 
 
-@kept_jit
+@cached_jit
 def _clusters(
     foreground: ForegroundModel, colour: ColourSettings
 ) -> tuple[Float[Array, "camera face 3"], Bool[Array, "camera face"], Clusters]:
@@ -272,7 +215,7 @@ class Observations:
             for s in sorted(range(len(selected)), key=lambda s: (abs(selected[s] - frame), s)):
                 beside = plate_beside(*self._selected_picture(camera, s), self.appearance.settings.plate)
                 warp = self._warp(camera, s, frame, image, person)
-                carried = carried_plate(beside, warp, self.appearance.settings.grid)
+                carried = warped_plate(beside, warp, self.appearance.settings.grid)
                 plate = carried if plate is None else plate.filled_from(carried)
             assert plate is not None
             known = CleanPlate(self.appearance.settings, frame, plate, image, person)
@@ -416,3 +359,27 @@ class Observations:
         """Per camera, the selected frames that serve this frame and their grids carried to it."""
         people = full_image_ids(self.character, skin(self.character, pose), self.cameras, shown.frame)
         return [self._carried(camera, shown, person >= 0) for camera, person in enumerate(people)]
+
+
+class Registered(Protocol):
+    """Anything that holds a registered pose."""
+
+    @property
+    def pose(self) -> Pose: ...
+
+
+def key_poses_of(registrations: Mapping[int, Registered] | Mapping[int, Pose]) -> dict[int, Pose]:
+    """The poses of registered frames."""
+    return {frame: r if isinstance(r, Pose) else r.pose for frame, r in registrations.items()}
+
+
+def observe(
+    capture: Capture,
+    cameras: Cameras,
+    character: Character,
+    appearance: Appearance,
+    key_poses: Mapping[int, Registered] | Mapping[int, Pose],
+    detections: Detections | None = None,
+) -> Observations:
+    """The capture's frames as problems, decoded one at a time while they are tracked."""
+    return Observations(capture, cameras, character, appearance, key_poses_of(key_poses), detections=detections)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras
 
 STEP = 64
 SLACK = 1.2
@@ -95,3 +96,25 @@ def place_rectangle(
         row = int(np.clip(centre[1] - height / 2, 0, full_height - height)) // 4 * 4
         origins.append((row, column))
     return Rectangle(np.array(origins), height, width, float(np.prod(extent, axis=1).mean()))
+
+
+def frame_rectangle(
+    vertices: np.ndarray,
+    cameras: Cameras,
+    frame: int,
+    previous: Rectangle | None = None,
+    speed: np.ndarray | None = None,
+) -> Rectangle:
+    """The rectangle around a posed mesh in every view."""
+    view = cameras.at(frame)
+    intrinsics, cam_from_world = np.asarray(view.intrinsics), np.asarray(view.cam_from_world)
+    boxes = []
+    for camera, name in enumerate(cameras.names):
+        box = projected_box(vertices, intrinsics[camera], cam_from_world[camera])
+        if box is None:
+            raise InputError(
+                f"the person lies behind camera '{name}' at frame {frame}; check the cameras and the keypoints."
+            )
+        boxes.append(box)
+    still = np.zeros(cameras.num_cameras) if speed is None else speed
+    return place_rectangle(np.stack(boxes), still, cameras.sizes, previous, cameras.names)

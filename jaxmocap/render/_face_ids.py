@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxmocap._kept_programs import kept_jit
+from jaxmocap._cache import cached_jit
 
 from ._keys import KeyLayout, crop, empty_buffer
 from ._windows import draw, to_screen, window_jobs
@@ -30,7 +30,7 @@ def inverse_depth_range(
     return jnp.stack([1.0 / farthest, 1.0 / nearest])
 
 
-@kept_jit
+@cached_jit
 def _face_ids(vertices, faces, intrinsics, cam_from_world, origins, height, width, capacity):
     layout = KeyLayout.for_faces(faces.shape[0])
     numbers = jnp.arange(faces.shape[0], dtype=jnp.int32)

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jaxmocap._records import Stand, UnreadableRecord, different, read_records, write_records
+from jaxmocap._cache import Stand, UnreadableRecord, different, read_records, write_records
 from jaxmocap._results import InputError
 from jaxmocap.observation import FrameImages, FrameProblem, Observations
+from jaxmocap.verdict import FrameResult
 
 from ._frame import FrameTracker
-from ._frame_result import FrameResult
 
 FORMAT = 3
 _STATE = "state.npz"

@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
-from jaxmocap.character import Pose, beside, clamp, difference, retract, skin
+from jaxmocap._runtime import Clock
+from jaxmocap.character import Pose, clamp, difference, dominant_bodies, nearest_equivalent, outer_halves, retract, skin
+from jaxmocap.motion import MotionHistory, after
 from jaxmocap.observation import (
     FrameImages,
     FrameProblem,
@@ -17,25 +19,26 @@ from jaxmocap.observation import (
     Observations,
     Rectangle,
     build_problem,
+    draw,
+    frame_rectangle,
     lit_apart,
 )
+from jaxmocap.refinement import (
+    DetectionPlan,
+    Refinement,
+    Rows,
+    descend,
+    detection_rays,
+    free_prior,
+    picture_source,
+    surface_flow,
+)
 from jaxmocap.refiners import Shooting
+from jaxmocap.search import BodySearch, PoseScore, Seen, look_at, mean_costs, polish, seen_shares, unexplained
+from jaxmocap.verdict import FrameResult, between, frame_signals, judge, passed_over
 
-from ._body_search import BodySearch
-from ._clock import Clock
-from ._confidence import dominant_bodies, judge
-from ._economy import mean_costs, outer_halves, seen_shares
-from ._frame_result import FrameResult, between, passed_over
-from ._hindsight import Tracked, look_back
-from ._least_squares import Rows, descend, free_prior
-from ._past import Past, after
-from ._polish import polish
-from ._refine import Refinement, detection_rays
-from ._register import draw, frame_rectangle
-from ._score import PoseScore, Seen, look_at, unexplained
-from ._signals import frame_signals
-from ._surface_flow import picture_source, surface_flow
-from ._tracker import DetectionPlan, Tracker
+from ._backward_search import Tracked, search_backwards
+from ._tracker import Tracker
 
 FLOW_ROBUST = (0.08, 0.03)
 """Geman-McClure scales of the flow start's rounds, metres."""
@@ -45,7 +48,7 @@ ONTO_ROBUST, ONTO_STEPS = 0.3, 8
 """Geman-McClure scale of the start from detections, metres, and its steps."""
 
 
-_CARRIED = ("rectangle", "past", "lost", "tracked", "passed_over", "meters")
+_CARRIED = ("rectangle", "previous", "history", "lost", "tracked", "passed_over", "meters")
 
 
 class FrameTracker:
@@ -59,16 +62,17 @@ class FrameTracker:
         self.score = PoseScore(tracker.scored, self.character)
         plan = tracker.search
         self.search = BodySearch(observations, tracker.scored, plan, self.score, key) if plan is not None else None
-        self.hindsight = plan.hindsight if plan is not None else None
+        self.backward_search = tracker.backward_search if plan is not None else None
         self.refinement = (
             Refinement(observations, tracker.refine, tracker.detections) if tracker.refine is not None else None
         )
         self.rectangle: Rectangle | None = None
-        self.past: Past | None = None
+        self.previous: FrameImages | None = None
+        self.history: MotionHistory | None = None
         self.lost = False
         self.face_bodies = dominant_bodies(self.character)
         self.outer_bodies = outer_halves(self.character)
-        kept = self.hindsight.longest + 2 if self.hindsight is not None else 0
+        kept = self.backward_search.longest + 2 if self.backward_search is not None else 0
         self.tracked: deque[tuple[Tracked, FrameResult]] = deque(maxlen=kept)
         self.passed_over: list[FrameResult] = []
         self.meters: list[LightMeter] = []
@@ -94,10 +98,11 @@ class FrameTracker:
 
     # Stages -----------------------------------------------------------------------------------------------------
 
-    def flow_start(self, shown: FrameImages, past: Past, clock: Clock) -> tuple[Pose, Float[np.ndarray, "camera"]]:
+    def flow_start(
+        self, shown: FrameImages, before: FrameImages, base: Pose, clock: Clock
+    ) -> tuple[Pose, Float[np.ndarray, "camera"]]:
         """The paper's [4]: the last frame carried over the surface, and where its points went; and the mean flow in
         pixels per view, which moves the rectangle."""
-        before, base = past.shown, past.pose
         with clock.stage("flow"):
             vertices = np.asarray(skin(self.character, base))
             rectangle = frame_rectangle(vertices, self.cameras, shown.frame, self.rectangle)
@@ -163,18 +168,19 @@ class FrameTracker:
 
     def track(self, shown: FrameImages) -> FrameResult:
         """Find the pose of the next frame: flow start, search, refinement."""
-        past = self.past
+        previous, past = self.previous, self.history
+        assert previous is not None
         assert past is not None
-        as_before = shown if past.shown.light is None else shown.in_light(past.shown.light)
+        as_before = shown if previous.light is None else shown.in_light(previous.light)
         unknown = shown.frame not in self.observations.key_poses
-        if unknown and past.steps <= self.tracker.longest_flash and lit_apart(as_before.images, past.shown.images):
+        if unknown and past.steps <= self.tracker.longest_flash and lit_apart(as_before.images, previous.images):
             return self._pass_over(shown, past)
         clock = Clock()
         with clock.stage("light"):
             shown = self._in_first_light(shown)
         start, speed = past.pose, np.zeros(len(shown.images))
         if self.tracker.flow_start:
-            start, speed = self.flow_start(shown, past, clock)
+            start, speed = self.flow_start(shown, previous, past.pose, clock)
         problem, rectangle = self._problem(shown, start, speed, clock)
         with clock.stage("score"):
             pose = self._best_start(shown, problem, past, start)
@@ -202,14 +208,14 @@ class FrameTracker:
         factors = np.stack([meter.factors(settings) for meter in self.meters])
         return shown if (factors == 1).all() else shown.in_light(factors)
 
-    def _best_start(self, shown: FrameImages, problem: FrameProblem, past: Past, start: Pose) -> Pose:
+    def _best_start(self, shown: FrameImages, problem: FrameProblem, past: MotionHistory, start: Pose) -> Pose:
         """The last pose, the flow start or the registered pose, whichever scores best; with `prediction`, and with
         detections, its root, torso and limbs one by one where the last motion would lead, and where the detections are,
         if that scores better."""
         skeleton = self.character.skeleton
         candidates = [past.pose, start]
         if shown.frame in self.observations.key_poses:
-            candidates.append(beside(skeleton, self.observations.key_poses[shown.frame], past.pose))
+            candidates.append(nearest_equivalent(skeleton, self.observations.key_poses[shown.frame], past.pose))
         totals, _ = self.score(problem, candidates)
         best = int(np.argmin(totals))
         pose = candidates[best]
@@ -242,54 +248,55 @@ class FrameTracker:
         delta, _ = descend(self.character, pose, start, (), points, prior, Shooting(), steps=ONTO_STEPS)
         return retract(self.character.skeleton, pose, delta)
 
-    def look_back(self) -> list[FrameResult]:
+    def search_backwards(self) -> list[FrameResult]:
         """Results of earlier frames that the last one has shown to be wrong, found anew; and those of frames that were
         passed over, between the frames before and after."""
         return [*self._between(), *self._found_anew()]
 
     def _between(self) -> list[FrameResult]:
-        if not self.passed_over or self.past is None or self.past.steps > 1:
+        if not self.passed_over or self.history is None or self.history.steps > 1:
             return []
-        found = between(self.character.skeleton, self.passed_over, self.past.pose)
+        found = between(self.character.skeleton, self.passed_over, self.history.pose)
         self.passed_over = []
         return found
 
-    def _pass_over(self, shown: FrameImages, past: Past) -> FrameResult:
+    def _pass_over(self, shown: FrameImages, past: MotionHistory) -> FrameResult:
         """A frame in another light; the next one that can be tracked will tell its pose."""
         result = passed_over(self.character.skeleton, shown, past.pose, len(self.outer_bodies))
         self.passed_over.append(result)
         self.tracked.clear()
-        self.past = past._replace(steps=past.steps + 1)
+        self.history = past._replace(steps=past.steps + 1)
         return result
 
     def _found_anew(self) -> list[FrameResult]:
-        if self.search is None or self.hindsight is None or len(self.tracked) < 3:
+        if self.search is None or self.backward_search is None or len(self.tracked) < 3:
             return []
-        with Clock(self.tracked[-1][1].seconds).stage("look back"):
+        with Clock(self.tracked[-1][1].seconds).stage("backward search"):
             frames = [frame for frame, _ in self.tracked]
-            better = look_back(frames, self.search, self.refinement, self.hindsight)
+            better = search_backwards(frames, self.search, self.refinement, self.backward_search)
         if not better:
             return []
-        revised, past = [], frames[0].past
+        revised, history = [], frames[0].history
         for position, frame in enumerate(frames):
-            frame, pose, old = replace(frame, past=past), better.get(position, frame.pose), self.tracked[position][1]
+            frame, old = replace(frame, history=history), self.tracked[position][1]
+            pose = better.get(position, frame.pose)
             if position in better:
                 seen = look_at(self.character, pose, frame.problem)
                 new = self._result(
-                    *(frame.shown, frame.problem, frame.rectangle, pose, past, seen),
+                    *(frame.shown, frame.problem, frame.rectangle, pose, history, seen),
                     *(old.deviation, old.hessian, old.seconds),
                 )
                 frame, old = replace(frame, pose=pose, costs=new.limb_costs), new
                 revised.append(new)
             self.tracked[position] = (frame, old)
-            past = after(self.character.skeleton, past, frame.shown, pose, self.tracker.angles)
-        self.past = past
+            history = after(self.character.skeleton, history, frame.shown.timestamp, pose, self.tracker.angles)
+        self.history = history
         return revised
 
     def _finish(
         self, shown: FrameImages, problem: FrameProblem, rectangle: Rectangle, pose: Pose, deviation, hessian, clock
     ) -> FrameResult:
-        past = self.past
+        past = self.history
         with clock.stage("score"):
             seen = look_at(self.character, pose, problem)
             result = self._result(shown, problem, rectangle, pose, past, seen, deviation, hessian, clock.seconds)
@@ -298,7 +305,8 @@ class FrameTracker:
             self.search.learn(seen, pose)
             tracked = Tracked(past, shown, problem, rectangle, pose, result.limb_costs)
             self.tracked.append((tracked, result))
-        self.past = after(self.character.skeleton, past, shown, pose, self.tracker.angles)
+        self.previous = shown
+        self.history = after(self.character.skeleton, past, shown.timestamp, pose, self.tracker.angles)
         with clock.stage("background"):
             self.observations.learn(shown, rectangle, pose)
         return result
@@ -309,7 +317,7 @@ class FrameTracker:
         problem: FrameProblem,
         rectangle: Rectangle,
         pose: Pose,
-        past: Past | None,
+        past: MotionHistory | None,
         seen: Seen,
         deviation,
         hessian,
@@ -320,7 +328,7 @@ class FrameTracker:
         speed = 0.0
         if past is not None:
             moved = np.asarray(difference(self.character.skeleton, past.pose, pose))
-            speed = float(np.linalg.norm(moved[:3])) / max(abs(shown.timestamp - past.shown.timestamp), 1e-3)
+            speed = float(np.linalg.norm(moved[:3])) / max(abs(shown.timestamp - past.timestamp), 1e-3)
         left = unexplained(seen.ids, problem)
         verdict = judge(self.character, self.face_bodies, seen.ids, seen.costs, speed, self.tracker.verdict, left)
         names = [term.name for term in self.tracker.scored.terms]

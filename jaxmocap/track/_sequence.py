@@ -10,23 +10,25 @@ from jaxtyping import PRNGKeyArray
 
 from jaxmocap._results import InputError
 from jaxmocap._runtime import make_room, release_memory
-from jaxmocap.appearance import Appearance
-from jaxmocap.camera import Cameras
-from jaxmocap.capture import Capture, Detections
-from jaxmocap.character import Character, Pose
+from jaxmocap.character import Pose
 from jaxmocap.motion import Motion, cameras_at
-from jaxmocap.observation import FrameImages, Observations
+from jaxmocap.observation import FrameImages, Observations, key_poses_of
+from jaxmocap.registration import Registration
+from jaxmocap.verdict import (
+    FrameResult,
+    VerdictSettings,
+    doubts,
+    joint_covariances,
+    lost_spans,
+    mean_deviations,
+    outlier_cameras,
+    with_doubts,
+    without_trust,
+)
 
 from ._checkpoint import Checkpoint
-from ._confidence import VerdictSettings
 from ._frame import FrameTracker
-from ._frame_result import FrameResult
-from ._lost import lost_spans, without_trust
-from ._odd_camera import odd_cameras
-from ._register import Registration
 from ._tracker import Tracker
-from ._uncertainty import joint_covariances, mean_deviations
-from ._verdict import doubts, with_doubts
 
 
 class Progress(NamedTuple):
@@ -45,23 +47,6 @@ class Method(Protocol):
     def verdict(self) -> VerdictSettings: ...
 
     def follow(self, observations: Observations, key: PRNGKeyArray) -> FrameTracker: ...
-
-
-def key_poses_of(registrations: dict[int, Registration] | dict[int, Pose]) -> dict[int, Pose]:
-    """The poses of registered frames."""
-    return {frame: r.pose if isinstance(r, Registration) else r for frame, r in registrations.items()}
-
-
-def observe(
-    capture: Capture,
-    cameras: Cameras,
-    character: Character,
-    appearance: Appearance,
-    key_poses: dict[int, Registration] | dict[int, Pose],
-    detections: Detections | None = None,
-) -> Observations:
-    """The capture's frames as problems, decoded one at a time while they are tracked."""
-    return Observations(capture, cameras, character, appearance, key_poses_of(key_poses), detections=detections)
 
 
 def _shown(observations: Observations, leg: range) -> Iterator[FrameImages]:
@@ -125,7 +110,7 @@ def track_frames(
             if shown.frame in results:
                 continue
             results[shown.frame] = result
-            for revised in worker.look_back():
+            for revised in worker.search_backwards():
                 results[revised.frame] = revised
             if checkpoint is not None:
                 checkpoint.keep(results, number, shown.frame, worker)
@@ -142,8 +127,8 @@ def motion_of(
 ) -> Motion:
     """The record of tracked frames, judged. `provenance["doubts"]` lists the frames that are not to be trusted and why,
     `provenance["lost"]` the spans in which a part is lost, whose landmarks have no confidence, and
-    `provenance["odd_cameras"]` those in which a camera shows the body elsewhere than the others, by which alone these
-    frames are judged; all in frames of the first video like the motion's own."""
+    `provenance["outlier_cameras"]` those in which a camera shows the body elsewhere than the others, by which alone
+    these frames are judged; all in frames of the first video like the motion's own."""
     capture, character = observations.capture, observations.character
     settings = verdict or VerdictSettings()
     spans, found, odd = (
@@ -151,7 +136,7 @@ def motion_of(
         doubts(
             *(results, settings, key_poses_of(observations.key_poses)), mean_deviations(character.skeleton, results)
         ),
-        odd_cameras(results, settings, capture.camera_names),
+        outlier_cameras(results, settings, capture.camera_names),
     )
     results = without_trust(with_doubts(results, found, settings), spans, character)
     numbers, positions = capture.video_frames[0], np.array([result.frame for result in results])
@@ -174,7 +159,7 @@ def motion_of(
             "seconds_per_frame": float(np.mean(seconds)),
             **{
                 name: [asdict(replace(s, first=int(numbers[s.first]), last=int(numbers[s.last]))) for s in listed]
-                for name, listed in (("lost", spans), ("doubts", found), ("odd_cameras", odd))
+                for name, listed in (("lost", spans), ("doubts", found), ("outlier_cameras", odd))
             },
             **(provenance or {}),
         },

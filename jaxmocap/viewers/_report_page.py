@@ -10,9 +10,10 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
+from jaxmocap._files import write_text
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
-from jaxmocap.motion import Motion, write_text
+from jaxmocap.motion import Motion
 
 from ._report_pictures import ReportPictures, report_pictures
 from ._report_record import findings, headline, read_report, report_record

@@ -71,7 +71,7 @@ def findings(motion: Motion) -> list[dict[str, Any]]:
         limbs.setdefault((span["part"], span["why"]), []).extend(range(span["first"], span["last"] + 1))
     for (part, why), frames in limbs.items():
         found.append(_finding("lost", f"The {part} is lost in {_frames(frames)}: {why}.", _starts(frames)))
-    found += _odd_cameras(motion) + _doubtful_masks(motion)
+    found += _outlier_cameras(motion) + _doubtful_masks(motion)
     if motion.energy:
         first = motion.frames[_least_sure(motion, verdicts != PASSED_OVER)].tolist()
         found.append(_finding("note", f"Look first at {_frames(first)}, where confidence is least.", first))
@@ -144,9 +144,9 @@ def _selected(motion: Motion) -> list[tuple[int, dict[str, Any]]]:
     return [(number, fit) for number, (_, fit) in zip(sorted(numbers), fits, strict=True)]
 
 
-def _odd_cameras(motion: Motion) -> list[dict[str, Any]]:
+def _outlier_cameras(motion: Motion) -> list[dict[str, Any]]:
     frames: dict[tuple[str, str], list[int]] = {}
-    for span in motion.provenance.get("odd_cameras") or []:
+    for span in motion.provenance.get("outlier_cameras") or []:
         frames.setdefault((span["camera"], span["why"]), []).extend(range(span["first"], span["last"] + 1))
     return [
         _finding(

@@ -7,9 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from jaxmocap._files import atomic_path
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
-from jaxmocap.motion import Motion, atomic_path
+from jaxmocap.motion import Motion
 
 from ._shown import Shown, gather
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from jaxmocap._atomic import atomic_folder, write_bytes
+from jaxmocap._files import atomic_folder, write_bytes
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, write_cameras
 from jaxmocap.rigging import CAMERAS_FILE, Mesh, mesh_for_pictures, metres_per_unit_of

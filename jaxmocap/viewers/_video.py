@@ -11,8 +11,8 @@ import numpy as np
 from av.container import OutputContainer
 from jaxtyping import UInt8
 
+from jaxmocap._files import atomic_path
 from jaxmocap._results import InputError
-from jaxmocap.motion import atomic_path
 
 _TIME_BASE = Fraction(1, 90000)
 _NOMINAL_RATE = Fraction(30)  # only a hint for the encoder and in the header; the frames carry their times

@@ -11,12 +11,12 @@ from jaxmocap.appearance import (
     Plate,
     PlateSettings,
     background_distance,
-    carried_plate,
     fit_background,
     grid_vertices,
     plate_beside,
     plate_distance,
     renewed_plate,
+    warped_plate,
 )
 
 HEIGHT, WIDTH = 160, 200
@@ -87,7 +87,7 @@ def test_what_nobody_has_seen_is_neutral(bricks):
 def test_a_carried_plate_follows_its_grid_to_the_pixel(bricks):
     moved = grid_vertices(HEIGHT, WIDTH) + (7, -3)
     plate = plate_beside(bricks, box(60, 60, 20), PlateSettings(growth=0))
-    carried = carried_plate(plate, SimpleNamespace(vertices=moved, rest=moved))
+    carried = warped_plate(plate, SimpleNamespace(vertices=moved, rest=moved))
     np.testing.assert_array_equal(carried.picture[: HEIGHT - 3, 7:], bricks[3:, : WIDTH - 7])
     np.testing.assert_array_equal(carried.known[4 : HEIGHT - 5, 10:-2], plate.known[7 : HEIGHT - 2, 3 : WIDTH - 9])
     assert not carried.known[:, :6].any()

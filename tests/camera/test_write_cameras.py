@@ -224,7 +224,7 @@ def test_an_interrupted_write_leaves_nothing_behind(tmp_path: Path, form: str, m
     def fail(path):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("jaxmocap._atomic._flush", fail)
+    monkeypatch.setattr("jaxmocap._files._atomic._flush", fail)
     with pytest.raises(InputError, match="No space left on device"):
         write_cameras(_rig(), tmp_path / PLACES[form], form)
     assert os.listdir(tmp_path) == []

@@ -1,4 +1,4 @@
-"""Films of one small world: a square that wanders over a wall, a lamp that flashes, and noise that can be heard.
+"""Films of one small world: a square that wanders over a wall, a lamp that flashes, and noise that can be inlier.
 
 Every film is of the same world time; its own clock starts at `start` and may run too fast. So the offset of one film
 against another is known: the difference of their starts.
@@ -20,7 +20,7 @@ _NOISE = _random.normal(0, 0.1, 60 * RATE).astype(np.float32)
 _PATH = np.cumsum(np.cumsum(_random.normal(0, 1, (2, 600)), axis=1), axis=1)
 
 
-def heard(seconds: np.ndarray) -> np.ndarray:
+def inlier(seconds: np.ndarray) -> np.ndarray:
     """The sound of the world, from 0 to 60 s."""
     return np.interp(seconds * RATE, np.arange(len(_NOISE)), _NOISE).astype(np.float32)
 
@@ -81,7 +81,7 @@ def sound_of(film: Film, seconds: float) -> np.ndarray:
         return (0.3 * np.sin(2 * np.pi * 1000 * world) * (world % 0.5 < 0.1)).astype(np.float32)
     microphone = np.random.default_rng([int(1000 * film.start), film.sound_rate, film.sound == "other"])
     world = 55 - world if film.sound == "other" else world
-    return (heard(world) + microphone.normal(0, 0.05, len(own))).astype(np.float32)
+    return (inlier(world) + microphone.normal(0, 0.05, len(own))).astype(np.float32)
 
 
 def make_film(path: Path, film: Film) -> Path:

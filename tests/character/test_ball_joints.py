@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap.character import Pose, beside, body_transforms, rest_pose, roomier
+from jaxmocap.character import Pose, away_from_limits, body_transforms, nearest_equivalent, rest_pose
 from jaxmocap.character._ball_joints import ball_joints, twin_angles
 from jaxmocap.synthetic import make_capture
 
@@ -47,16 +47,16 @@ def test_an_arm_walled_in_at_its_limit_is_given_room(skeleton, side):
     pose = bent(
         skeleton, **{f"{side}_shoulder_flex": limit - 1, f"{side}_shoulder_abd": 60, f"{side}_shoulder_axial": 120}
     )
-    found = roomier(skeleton, pose)
+    found = away_from_limits(skeleton, pose)
     assert np.asarray(found.angles)[index][0] < np.deg2rad(limit - 100)
     np.testing.assert_allclose(body_transforms(skeleton, found), body_transforms(skeleton, pose), atol=2e-5)
     assert np.all((found.angles >= skeleton.lower) & (found.angles <= skeleton.upper))
-    again = roomier(skeleton, found)
+    again = away_from_limits(skeleton, found)
     np.testing.assert_array_equal(again.angles, found.angles)
-    np.testing.assert_allclose(beside(skeleton, found, pose).angles, pose.angles, atol=1e-5)
+    np.testing.assert_allclose(nearest_equivalent(skeleton, found, pose).angles, pose.angles, atol=1e-5)
 
 
 def test_a_pose_with_room_keeps_its_angles(skeleton):
     pose = bent(skeleton, l_shoulder_flex=40, r_shoulder_axial=-30, l_hip_flex=50)
-    np.testing.assert_array_equal(roomier(skeleton, pose).angles, pose.angles)
-    np.testing.assert_array_equal(beside(skeleton, pose, pose).angles, pose.angles)
+    np.testing.assert_array_equal(away_from_limits(skeleton, pose).angles, pose.angles)
+    np.testing.assert_array_equal(nearest_equivalent(skeleton, pose, pose).angles, pose.angles)

@@ -9,7 +9,7 @@ from scoring import FRAME, TERMS, energy_of, score, score_in
 from jaxmocap.appearance import psi
 from jaxmocap.character import retract, skin
 from jaxmocap.energies import ModelView, Region, SearchEnergy, body_part, covered_cost, uncovered_cost
-from jaxmocap.track._register import draw
+from jaxmocap.observation import draw
 
 LIMBS = ("l_arm", "r_arm", "l_leg", "r_leg")
 EACH = 36

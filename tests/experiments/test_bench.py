@@ -9,10 +9,11 @@ import pytest
 
 from jaxmocap._cli import run as command
 from jaxmocap._results import InputError
+from jaxmocap.appearance import appearance_preset
 from jaxmocap.baselines import METHODS
 from jaxmocap.experiments import STORIES, CaptureSpec, Inputs, Run, _bench, _sweep, bench, paper, perform, without
 from jaxmocap.synthetic import make_capture, write_capture
-from jaxmocap.track import Tracker, appearance_preset, with_settings
+from jaxmocap.track import Tracker, with_settings
 
 
 class Nothing:

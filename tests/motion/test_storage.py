@@ -5,19 +5,10 @@ import numpy as np
 import pytest
 from box_figure import box_character, box_motion
 
+from jaxmocap._files import atomic_folder, atomic_path, claim_output, write_json
+from jaxmocap._files._atomic import write_npz
 from jaxmocap._results import InputError
-from jaxmocap.motion import (
-    Motion,
-    _storage,
-    at_times,
-    atomic_folder,
-    atomic_path,
-    claim_output,
-    read_npz,
-    turned,
-    write_json,
-    write_npz,
-)
+from jaxmocap.motion import Motion, _storage, at_times, read_npz, turned
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +106,7 @@ def test_a_full_disk_leaves_no_result(motion, tmp_path, monkeypatch):
     def fail(path):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("jaxmocap._atomic._flush", fail)
+    monkeypatch.setattr("jaxmocap._files._atomic._flush", fail)
     with pytest.raises(InputError, match="No space left"):
         motion.save(tmp_path / "result")
     assert list(tmp_path.iterdir()) == []

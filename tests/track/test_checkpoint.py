@@ -6,11 +6,12 @@ import jax
 import numpy as np
 import pytest
 
-from jaxmocap._records import digest
+from jaxmocap._cache import digest
 from jaxmocap._results import InputError
 from jaxmocap.appearance import AppearanceSettings
 from jaxmocap.observation import Observations
-from jaxmocap.track import Checkpoint, Effort, Tracker, _checkpoint, track_frames
+from jaxmocap.search import Effort
+from jaxmocap.track import Checkpoint, Tracker, _checkpoint, track_frames
 
 KEY = jax.random.key(3)
 INPUTS = {"seed": 3, "settings": "these"}

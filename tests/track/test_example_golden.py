@@ -3,7 +3,7 @@
 import pytest
 from golden import hold_against_golden
 
-from jaxmocap._pipeline import track_capture
+from jaxmocap.pipeline import track_capture
 
 pytestmark = pytest.mark.slow
 

@@ -6,9 +6,9 @@ import pytest
 
 from jaxmocap.character import difference
 from jaxmocap.energies import search_energy
+from jaxmocap.motion import MotionHistory, after
 from jaxmocap.observation import FrameImages, lit_apart
 from jaxmocap.track import FrameTracker, Tracker
-from jaxmocap.track._past import Past, after
 
 
 def lit(world, frame, rows=slice(None), by=2.0):
@@ -45,17 +45,17 @@ def tracker(world, monkeypatch):
 def test_it_is_passed_over_and_lies_between_its_neighbours(world, tracker):
     flash = tracker.track(lit(world, 1))
     assert (flash.status, flash.energy, flash.confidence.max()) == ("doubtful", {}, 0.0)
-    assert tracker.look_back() == []
+    assert tracker.search_backwards() == []
     assert tracker.track(world.shown(2)).status == "ok"
-    (found,) = tracker.look_back()
+    (found,) = tracker.search_backwards()
     assert (found.frame, found.status) == (1, "doubtful")
     skeleton = world.character.skeleton
     steps = [difference(skeleton, found.pose, world.pose(frame)) for frame in (0, 2)]
     np.testing.assert_allclose(steps[0], -steps[1], atol=1e-3)
     assert np.abs(steps[0]).max() > 0.02
-    np.testing.assert_allclose(tracker.past.increments[0], tracker.past.increments[1])
-    assert len(tracker.past.increments) == 2
-    assert tracker.look_back() == []
+    np.testing.assert_allclose(tracker.history.increments[0], tracker.history.increments[1])
+    assert len(tracker.history.increments) == 2
+    assert tracker.search_backwards() == []
 
 
 def test_a_selected_frame_is_known_in_any_light(world, tracker):
@@ -70,9 +70,9 @@ def test_light_that_stays_is_taken_for_what_it_is(world, tracker):
 
 def test_after_a_gap_the_motion_counts_per_frame(world):
     skeleton, window = world.character.skeleton, (np.full(39, 0.01, np.float32),) * 8
-    past = Past(world.shown(0), world.pose(0), window, steps=2)
+    past = MotionHistory(world.shown(0).timestamp, world.pose(0), window, steps=2)
     np.testing.assert_allclose(past.predicted("velocity"), 0.02, rtol=1e-5)
-    following = after(skeleton, past, world.shown(2), world.pose(2), "same")
+    following = after(skeleton, past, world.shown(2).timestamp, world.pose(2), "same")
     whole = np.asarray(difference(skeleton, world.pose(0), world.pose(2)))
     assert following.steps == 1
     np.testing.assert_allclose(following.increments[-2:], np.stack([whole / 2] * 2))

@@ -7,8 +7,8 @@ import pytest
 
 from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
+from jaxmocap.motion import MotionHistory
 from jaxmocap.track import FrameTracker, Tracker
-from jaxmocap.track._past import Past
 
 FRAME = 2
 
@@ -34,7 +34,7 @@ def moved(world, **degrees):
 
 
 def started(world, tracker, pose, step):
-    past = Past(world.shown(FRAME - 1), pose, (np.asarray(step),))
+    past = MotionHistory(world.shown(FRAME - 1).timestamp, pose, (np.asarray(step),))
     return tracker._best_start(world.shown(FRAME), world.problem(FRAME), past, pose)
 
 

@@ -7,10 +7,8 @@ from perturbed import moved, vertex_errors
 
 from jaxmocap import InputError
 from jaxmocap.energies import search_energy
-from jaxmocap.track import Effort, FrameTracker, Retry, SearchPlan, Tracker
-from jaxmocap.track._body_search import BodySearch
-from jaxmocap.track._economy import seen_shares
-from jaxmocap.track._score import look_at
+from jaxmocap.search import BodySearch, Effort, Retry, SearchPlan, look_at, seen_shares
+from jaxmocap.track import FrameTracker, Tracker
 
 FRAME = 2
 BEHIND = {"l_shoulder_flex": -26, "l_shoulder_abd": -88, "l_shoulder_axial": 77, "l_elbow_flex": -47}

@@ -5,7 +5,8 @@ import pytest
 
 from jaxmocap._results import InputError
 from jaxmocap.appearance import AppearanceSettings
-from jaxmocap.track import Effort, Hindsight, Retry, SearchPlan, Tracker, with_settings
+from jaxmocap.search import Effort, Retry, SearchPlan
+from jaxmocap.track import BackwardSearch, Tracker, with_settings
 
 NORMAL = Tracker.preset("normal")
 
@@ -18,15 +19,15 @@ def test_a_plan_that_is_off_is_turned_on_and_changed_by_name():
 
 
 def test_parts_are_switched_off_and_on():
-    off = with_settings(NORMAL, {"search.calm": "off", "search.retry": None})
-    assert off.search.calm is None
+    off = with_settings(NORMAL, {"search.gating": "off", "search.retry": None})
+    assert off.search.gating is None
     assert off.search.retry is None
     on = with_settings(off, {"search.retry": "on", "polish": "on"})
     assert on.search.retry == Retry()
     assert on.polish is not None
-    given = with_settings(NORMAL, {"search.hindsight": Hindsight(longest=2)})
-    assert given.search.hindsight.longest == 2
-    assert NORMAL.search.calm is not None
+    given = with_settings(NORMAL, {"backward_search": BackwardSearch(longest=2)})
+    assert given.backward_search.longest == 2
+    assert NORMAL.search.gating is not None
 
 
 def test_what_is_on_keeps_its_settings():

@@ -138,7 +138,7 @@ def test_doubtful_frames_are_told_with_their_reasons():
 
 def test_a_camera_that_the_others_contradict_is_named():
     odd = [{"camera": "left", "first": f, "last": f + 1, "why": "it stood still"} for f in (1, 7)]
-    told = [one for one in findings(judged(provenance={"odd_cameras": odd})) if "left" in one["text"]]
+    told = [one for one in findings(judged(provenance={"outlier_cameras": odd})) if "left" in one["text"]]
     assert [(one["kind"], one["text"], one["frames"]) for one in told] == [
         ("doubtful", "Camera left is left out of the verdict in frames 1-2, 7-8: it stood still.", [1, 7])
     ]

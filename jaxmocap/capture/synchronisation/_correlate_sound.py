@@ -30,7 +30,7 @@ def compare_sounds(first: Sound, second: Sound) -> Estimate:
     is the median of slopes (Theil and Sen). The confidence is the sharpness, 1 less the height of the next best peak
     relative to the best, times the share that fits of four windows: one clap alone may be another's. Raises
     `Undecided` if no delay stands out. Sound needs 3 ms per metre: the offset is as wrong as the distances of the
-    cameras to what was heard differ.
+    cameras to what was inlier differ.
     """
     a, b = first.samples, second.samples
     lags = np.arange(1 - len(b), len(a))

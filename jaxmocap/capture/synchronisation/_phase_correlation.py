@@ -59,14 +59,14 @@ def smear(of_a: int, of_b: int) -> int:
 def repetition(samples: Float32[np.ndarray, " sample"], guard: float) -> tuple[float, float]:
     """How much a track is like itself at another time, more than `guard` seconds later: the highest normalised
     correlation within the band, and the time in seconds."""
-    heard = samples[: int(_HEARD_FOR_REPEATS * RATE)]
-    size = fast_length(2 * len(heard))
-    spectrum = np.fft.rfft(heard, size) * _inside_band(size)
-    banded = np.fft.irfft(spectrum, size)[: len(heard)].astype(np.float64)
-    product = np.fft.irfft(np.abs(np.fft.rfft(banded, size)) ** 2, size)[: len(heard)]
+    inlier = samples[: int(_HEARD_FOR_REPEATS * RATE)]
+    size = fast_length(2 * len(inlier))
+    spectrum = np.fft.rfft(inlier, size) * _inside_band(size)
+    banded = np.fft.irfft(spectrum, size)[: len(inlier)].astype(np.float64)
+    product = np.fft.irfft(np.abs(np.fft.rfft(banded, size)) ** 2, size)[: len(inlier)]
     energy = np.concatenate([[0.0], np.cumsum(banded**2)])
-    lags = np.arange(int(guard * RATE), len(heard) // 2)
-    norms = np.sqrt(energy[len(heard) - lags] * (energy[-1] - energy[lags]))
+    lags = np.arange(int(guard * RATE), len(inlier) // 2)
+    norms = np.sqrt(energy[len(inlier) - lags] * (energy[-1] - energy[lags]))
     values = np.abs(product[lags]) / np.maximum(norms, 1e-9 * energy[-1] + 1e-30)
     best = int(np.argmax(values))
     return float(values[best]), float(lags[best] / RATE)

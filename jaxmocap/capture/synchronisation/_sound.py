@@ -17,7 +17,7 @@ _SHORTEST = 0.5  # seconds
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """Mono samples at `RATE` per second; the first is heard at `start`, in seconds since the video's first frame."""
+    """Mono samples at `RATE` per second; the first is inlier at `start`, in seconds since the video's first frame."""
 
     name: str
     samples: Float32[np.ndarray, " sample"]
@@ -27,7 +27,7 @@ class Sound:
 def read_sound(index: VideoIndex) -> Sound:
     """The first sound track of a video, at most half an hour of it. Gaps between its timestamps are filled by silence.
 
-    Raises `Undecided` if there is none, none that is heard, or none that can be decoded.
+    Raises `Undecided` if there is none, none that is inlier, or none that can be decoded.
     """
     name = index.path.name
     pieces: list[tuple[float, np.ndarray]] = []  # seconds of the first sample, samples

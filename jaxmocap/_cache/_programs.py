@@ -1,0 +1,245 @@
+"""Programs as they are after tracing and lowering, kept from run to run: a warm start reads them instead of running
+thousands of lines of Python again to the same end."""
+
+import contextlib
+import functools
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
+
+import equinox as eqx
+import jax.export
+import numpy as np
+
+from jaxmocap._files import keep_newest, write_json
+from jaxmocap._runtime import quick_loops, versions
+
+from ._key import code_hash, machine
+from ._records import UnreadableRecord, digest, read_records, write_records
+
+FOLDER = "JAXMOCAP_PROGRAMS"
+"""The environment variable that names the folder; empty or absent: nothing is kept."""
+
+
+LARGEST = 1 << 29
+"""Bytes that kept programs may take; those that have not been used for longest go first."""
+
+
+AHEAD = 24
+"""As many programs are loaded ahead: about those that are used until the first frame is tracked."""
+
+
+_TRACED_BY = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "jaxtyping", "numpy")
+
+
+_UNREADABLE = (OSError, ImportError, UnreadableRecord, KeyError, TypeError, ValueError, RuntimeError)
+
+
+_UNKEEPABLE = (ImportError, TypeError, ValueError, NotImplementedError, KeyError)
+
+
+_P = ParamSpec("_P")
+
+
+_T = TypeVar("_T")
+
+
+_Program = tuple[Callable[..., Any], Any]
+"""Of flat arrays to flat arrays, and the structure of the answer."""
+
+
+_ahead: dict[Path, Future[_Program]] = {}
+
+
+_used: dict[str, None] = {}
+
+
+def cached_jit(function: Callable[_P, _T], options: Callable[[], dict[str, Any]] = dict) -> Callable[_P, _T]:
+    """`eqx.filter_jit` of a pure function of this package, whose lowered programs are kept on disk (CPU only).
+
+    It takes positional arguments. A program is taken from disk where the package's source, the versions of what traces
+    it, JAX's configuration, the devices, every static value and the shape and type of every array are the same. Where
+    an argument holds a value that cannot be compared with one of another run (a function, a record of somebody else),
+    where the function is itself being traced, or where anything is wrong with the folder, the function is traced as
+    ever. A kept program is what tracing gives, so the bits are the same. `options` gives XLA's options for a CPU.
+    """
+    return cast(Any, functools.wraps(function)(_CachedJit(function, options)))
+
+
+def optimised_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """`cached_jit` for what runs for seconds in every frame: compiled for speed where that takes XLA longer."""
+    return cached_jit(function, quick_loops)
+
+
+@contextlib.contextmanager
+def programs_recorded(inputs: Mapping[str, Any]) -> Iterator[None]:
+    """Note which programs the block uses first, for `preload_programs` of the next run with the same `inputs`."""
+    _used.clear()
+    try:
+        yield
+    finally:
+        for loading in _ahead.values():
+            loading.cancel()
+        _ahead.clear()
+    path = _note(inputs)
+    if path is not None and _used:
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_json(path, list(_used)[:AHEAD])
+
+
+def preload_programs(inputs: Mapping[str, Any]) -> None:
+    """Load, in a thread beside whatever comes before them, the programs that the last run with these `inputs` used
+    first. It is a hint: a program that the run does not ask for is never called."""
+    path = _note(inputs)
+    if path is None or jax.default_backend() != "cpu":
+        return
+    with contextlib.suppress(OSError, ValueError, TypeError):
+        files = [path.parent / Path(name).name for name in json.loads(path.read_text())[:AHEAD]]
+        worker = ThreadPoolExecutor(1, "programs")
+        _ahead.update((file, worker.submit(_read, file, True)) for file in files)
+        worker.shutdown(wait=False)
+
+
+class _CachedJit:
+    def __init__(self, function: Callable[..., Any], options: Callable[[], dict[str, Any]]):
+        self.function = function
+        self.options = options
+        self.programs: dict[Any, _Program | None] = {}
+
+    @functools.cached_property
+    def traced(self) -> Callable[..., Any]:
+        options = self.options() if jax.default_backend() == "cpu" else {}
+        jit: Any = eqx.filter_jit
+        return jit(self.function, compiler_options=options) if options else jit(self.function)
+
+    def __call__(self, *args: Any) -> Any:
+        folder = os.environ.get(FOLDER, "")
+        leaves, tree = jax.tree.flatten(args)
+        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+        if not folder or jax.default_backend() != "cpu" or any(isinstance(one, jax.core.Tracer) for one in arrays):
+            return self.traced(*args)
+        shapes = tuple(_shape(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
+        known = (folder, tree, shapes, *(_configuration().items()))
+        if known not in self.programs:
+            self.programs[known] = self._program(Path(folder), tree, leaves, arrays)
+        found = self.programs[known]
+        if found is None:
+            return self.traced(*args)
+        program, answer = found
+        values = jax.device_put([np.asarray(value) for value in program(*arrays)])  # as free to move as traced ones
+        return jax.tree.unflatten(answer, values)
+
+    def _program(self, folder: Path, tree: Any, leaves: list[Any], arrays: list[Any]) -> _Program | None:
+        """From disk, or traced and put there; None where it cannot be kept."""
+        try:
+            path = (
+                folder / f"{self.function.__name__.strip('_')}-{_key(self.function, self.options(), tree, leaves)}.npz"
+            )
+        except TypeError:
+            return None
+        _used[path.name] = None
+        with contextlib.suppress(*_UNREADABLE):
+            loading = _ahead.pop(path, None)
+            found = _read(path) if loading is None or loading.cancel() else loading.result()
+            os.utime(path)
+            return found
+        try:
+            stored = self._lowered(tree, leaves, arrays)
+            program = _loaded(stored)
+        except _UNKEEPABLE:
+            return None
+        with contextlib.suppress(OSError, TypeError):
+            folder.mkdir(parents=True, exist_ok=True)
+            write_records(path, stored)
+            keep_newest(folder, LARGEST)
+        return program
+
+    def _lowered(self, tree: Any, leaves: list[Any], arrays: list[Any]) -> dict[str, Any]:
+        """What is stored of a program, made by tracing."""
+        fixed = [None if eqx.is_array(leaf) else leaf for leaf in leaves]
+        places = [place for place, leaf in enumerate(leaves) if eqx.is_array(leaf)]
+        answers: list[Any] = []
+
+        def flat(*arrays: Any) -> list[Any]:
+            filled = list(fixed)
+            for place, array in zip(places, arrays, strict=True):
+                filled[place] = array
+            values, answer = jax.tree.flatten(self.function(*jax.tree.unflatten(tree, filled)))
+            if any(not eqx.is_array(value) or _weak(value) or _is_key(value) for value in values):
+                raise TypeError("an answer that is no plain array would not come back as it was")
+            answers.append(answer)
+            return values
+
+        flat.__name__ = self.function.__name__
+        weak = [_weak(array) for array in arrays]
+        specs = [jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=w) for a, w in zip(arrays, weak, strict=True)]
+        exported = jax.export.export(jax.jit(flat))(*specs)
+        answer = jax.tree.unflatten(answers[-1], list(range(len(exported.out_avals))))
+        program = np.frombuffer(exported.serialize(), np.uint8)
+        about = {"name": self.function.__name__, "options": self.options(), "weak": weak, "answer": answer}
+        return about | {"program": program}
+
+
+def _read(path: Path, compile_it: bool = False) -> _Program:
+    return _loaded(read_records(path), compile_it)
+
+
+def _loaded(stored: dict[str, Any], compile_it: bool = False) -> _Program:
+    """A stored program; with `compile_it` XLA has it ready before it is first called."""
+    exported = jax.export.deserialize(bytearray(stored["program"].tobytes()))
+
+    def program(*arrays: Any) -> Any:
+        return exported.call(*arrays)
+
+    program.__name__ = stored["name"]
+    options = {"compiler_options": stored["options"]} if stored["options"] else {}
+    if exported.nr_devices > 1:
+        mesh = jax.sharding.Mesh(np.array(jax.local_devices()), ("every",))
+        options["in_shardings"] = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
+    jitted = jax.jit(program, **options)
+    if compile_it:
+        specs = zip(exported.in_avals, stored["weak"], strict=True)
+        jitted.lower(*(jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=weak) for a, weak in specs)).compile()
+    return jitted, jax.tree.structure(stored["answer"])
+
+
+def _weak(array: Any) -> bool:
+    return bool(getattr(array, "weak_type", False))
+
+
+def _is_key(array: Any) -> bool:
+    return jax.dtypes.issubdtype(array.dtype, jax.dtypes.prng_key)
+
+
+def _shape(array: Any) -> tuple[str, tuple[int, ...], bool]:
+    return str(array.dtype), tuple(array.shape), _weak(array)
+
+
+def _configuration() -> dict[str, str]:
+    return {name: str(getattr(jax.config, name, value)) for name, value in jax.config.values.items()}
+
+
+def _key(function: Callable[..., Any], options: dict[str, Any], tree: Any, leaves: list[Any]) -> str:
+    """A hash of all that a program depends on. Raises `TypeError` for values that have no name in another run."""
+    described = [{"array": _shape(leaf)} if eqx.is_array(leaf) else leaf for leaf in leaves]
+    return digest(
+        {
+            "function": f"{function.__module__}:{function.__qualname__}",
+            "arguments": jax.tree.unflatten(tree, described),
+            "options": options,
+            "source": code_hash(),
+            "versions": versions(_TRACED_BY),
+            "machine": machine(),
+            "configuration": _configuration(),
+        },
+        foreign=False,
+    )
+
+
+def _note(inputs: Mapping[str, Any]) -> Path | None:
+    folder = os.environ.get(FOLDER, "")
+    return Path(folder) / f"first-{digest(dict(inputs) | {'source': code_hash()})}.json" if folder else None

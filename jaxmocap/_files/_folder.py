@@ -1,0 +1,79 @@
+"""Claiming a folder for the result of one run."""
+
+import contextlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from jaxmocap._results import InputError
+
+_MOTION = "motion.npz"
+
+
+_STAGING = ".partial-"
+
+
+@contextlib.contextmanager
+def claim_output(
+    path: str | os.PathLike[str], *, overwrite: bool = False, keep: tuple[str, ...] = ()
+) -> Iterator[Path]:
+    """Claim `path` for the result of one run; yields a staging folder inside it to write every file into.
+
+    When the block ends well, the files move to `path`, `motion.npz` last, so that a `motion.npz` says that the result
+    is whole. When it raises, the staging folder is deleted, and `path` too if it was created here and is empty.
+
+    Raises `InputError` if `path` is a file, holds the result of another run, or holds files that no run of ours wrote.
+    `overwrite=True` replaces an earlier result, never foreign files. `keep` names files that may lie in `path` already,
+    a checkpoint for example; they are left alone.
+    """
+    path = Path(path)
+    check_output(path, overwrite=overwrite, keep=keep)
+    created = not path.exists()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=_STAGING, dir=path))
+    except OSError as error:
+        raise InputError(
+            f"The output folder {path} cannot be written ({error.strerror}); choose another with --out."
+        ) from error
+    try:
+        yield staging
+        check_output(path, overwrite=overwrite, keep=keep)
+        _publish(staging, path)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+        if created:
+            with contextlib.suppress(OSError):
+                path.rmdir()
+
+
+def check_output(path: Path, *, overwrite: bool = False, keep: tuple[str, ...] = ()) -> None:
+    """Raise the `InputError` that `claim_output` would raise for a folder that is taken."""
+    if not path.exists():
+        return
+    if not path.is_dir():
+        raise InputError(f"The output {path} is a file; a folder was expected, choose another with --out.")
+    names = sorted(entry.name for entry in path.iterdir())
+    is_result = _MOTION in names
+    if is_result and not overwrite:
+        raise InputError(f"The folder {path} already holds the result of another run; choose another, or overwrite it.")
+    foreign = [name for name in names if name not in keep and not name.startswith(_STAGING)]
+    if foreign and not is_result:
+        raise InputError(
+            f"The output folder {path} holds files that are not a result ({foreign[0]} and {len(foreign) - 1} more); "
+            "choose an empty or a new folder."
+        )
+
+
+def _publish(staging: Path, path: Path) -> None:
+    """Move every file from `staging` to `path`: the old `motion.npz` goes first, the new one comes last."""
+    (path / _MOTION).unlink(missing_ok=True)
+    for entry in sorted(staging.iterdir(), key=lambda entry: entry.name == _MOTION):
+        target = path / entry.name
+        if target.is_dir() and not target.is_symlink():
+            shutil.rmtree(target)
+        os.replace(entry, target)
+    for leftover in path.glob(f"{_STAGING}*"):
+        shutil.rmtree(leftover, ignore_errors=True)

@@ -1,0 +1,17 @@
+"""What a verb does with folders: synchronise, calibrate, register, track a capture; run folders, defaults, doctor."""
+
+from ._calibrate import calibrate as calibrate
+from ._defaults import (
+    MaskRecord as MaskRecord,
+    mask_record as mask_record,
+    with_person_masks as with_person_masks,
+    with_selected_frames as with_selected_frames,
+)
+from ._doctor import EXTRAS as EXTRAS, Diagnosis as Diagnosis, doctor as doctor
+from ._register_and_learn import fit_capture_appearance as fit_capture_appearance
+from ._synchronise import sync as sync
+from ._track_capture import (
+    open_character as open_character,
+    registration_record as registration_record,
+    track_capture as track_capture,
+)

@@ -1,0 +1,94 @@
+"""Calibrating a capture: one in memory, one on disk that is completed in place, or a new one made of videos."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from jaxmocap import calibration
+from jaxmocap._results import InputError
+from jaxmocap.calibration import Calibration, calibrate_in_place
+from jaxmocap.capture import SYNC_REPORT, Capture, config_path, read_config
+
+from ._synchronise import new_capture
+
+
+def calibrate(
+    capture: Capture | str | Path | Sequence[str | Path],
+    out: str | Path | None = None,
+    *,
+    replace: bool = False,
+    height: float | None = None,
+    camera_distance: float | None = None,
+    up: tuple[float, float, float] | None = None,
+    focal: Mapping[str, float] | None = None,
+    key_step: int = 5,
+    seed: int = 0,
+    say: Callable[[str], None] = lambda sentence: None,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> Calibration:
+    """Find the poses at every frame, the focal lengths and the radial distortion of moving cameras from their videos.
+
+    `capture` is an open `Capture`, and nothing is written; or a capture folder or its `capture.toml`, in which a new
+    folder is written and named as `cameras`; or, with `out`, a list of videos, which are synchronised and become the
+    capture `out`, whole or not at all. `Calibration.folder` says where the cameras lie. `replace` calibrates though
+    `capture.toml` names cameras; those stay on disk.
+
+    Scale: `camera_distance`, metres between the first two cameras at their first shared frame; else the person's bones,
+    from keypoints in two views, against the capture's actor, or against a person of `height` metres. Up: the direction
+    `up` in the first camera at the first shared frame (x right, y down, z forward), else found. `focal` lengths in
+    pixels, by camera, are kept; without them they are found. `say` takes sentences about what is assumed.
+
+    Raises `InputError`, with nothing changed on disk, for footage that cannot be calibrated.
+    """
+    options = {
+        "height": height,
+        "camera_distance": camera_distance,
+        "up": up,
+        "focal": focal,
+        "key_step": key_step,
+        "seed": seed,
+        "progress": progress,
+    }
+    if isinstance(capture, Capture):
+        if out is not None:
+            raise InputError("an open capture is calibrated without out; save the calibration, or give the folder")
+        return calibration.calibrate(capture, **options)
+    paths = [capture] if isinstance(capture, str | Path) else list(capture)
+    if out is not None:
+        return _calibrate_videos(paths, Path(out), say, options)
+    if len(paths) != 1:
+        raise InputError(
+            f"{len(paths)} paths were given; give one capture folder, or two or more videos and a new folder with --out"
+        )
+    _say_if_unsynchronised(paths[0], say)
+    return calibrate_in_place(paths[0], replace=replace, **options)
+
+
+def _calibrate_videos(
+    videos: Sequence[str | Path], out: Path, say: Callable[[str], None], options: dict
+) -> Calibration:
+    if options["camera_distance"] is None:
+        raise InputError(
+            "videos alone do not tell their scale: give the metres between the first two cameras at their first shared "
+            f"frame with --camera-distance, or make the capture with jaxmocap sync --out {out}, add the actor and "
+            "keypoints to it, and calibrate that"
+        )
+    with new_capture(videos, out, progress=options["progress"]) as (plan, partial):
+        for note in plan.found.notes:
+            say(f"{note}.")
+        found = calibrate_in_place(partial, **options)
+    assert found.folder is not None
+    return dataclasses.replace(found, folder=out / found.folder.name)
+
+
+def _say_if_unsynchronised(path: str | Path, say: Callable[[str], None]) -> None:
+    """Frames are paired by time: say when nothing tells it. What is wrong with the file is said by who opens it."""
+    file = config_path(path)
+    config, _ = read_config(file)
+    if config is None or (file.parent / SYNC_REPORT).exists():
+        return
+    if not any("offset" in camera.model_fields_set for camera in config.camera):
+        say(
+            f"{file} has no offset of any camera: the videos are taken to start at the same moment; if they do not, "
+            f"stop and run jaxmocap sync {file.parent} first."
+        )

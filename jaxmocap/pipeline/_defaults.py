@@ -1,0 +1,127 @@
+"""What a capture does not say about its selected frames: which they are, and where the person is in them."""
+
+from collections.abc import Callable
+
+from jaxtyping import PRNGKeyArray
+
+from jaxmocap.capture import Capture, choose_frames
+from jaxmocap.character import Character
+from jaxmocap.registration import Overrides, PersonMask, PersonMasks, SegmentationSettings, masks_of, segment_person
+
+MaskRecord = dict[str, dict[str, dict]]
+"""Frame -> camera -> where the mask comes from and how sure it is, as reports hold it."""
+
+
+_SETTINGS = SegmentationSettings()
+
+
+def with_selected_frames(
+    capture: Capture, overrides: Overrides | None = None, say: Callable[[str], None] | None = None
+) -> tuple[Capture, dict]:
+    """The capture with selected frames, chosen from its keypoints if it names none, and a record of that. Frames whose
+    pose is given by `overrides` are among those chosen."""
+    if capture.selected_frames is not None:
+        return capture, {"frames": _own_numbers(capture), "source": "capture"}
+    chosen = choose_frames(capture, capture.cameras)
+    given = [frame for frame in overrides or {} if frame < capture.num_frames]
+    complete = capture.with_selected_frames((*chosen.frames, *given))
+    numbers = _own_numbers(complete)
+    if say is not None:
+        say(
+            f"capture '{capture.name}' names no selected_frames; {', '.join(map(str, numbers))} "
+            f"{'is' if len(numbers) == 1 else 'are'} used: {chosen.reason}."
+        )
+    return complete, {"frames": numbers, "source": "chosen", "reason": chosen.reason}
+
+
+def _own_numbers(capture: Capture) -> list[int]:
+    """The selected frames as the first camera's video counts them, like in `capture.toml`."""
+    return [int(capture.video_frames[0, frame]) for frame in capture.selected_frames or ()]
+
+
+def with_person_masks(
+    capture: Capture,
+    character: Character,
+    *,
+    key: PRNGKeyArray,
+    overrides: Overrides | None = None,
+    find: bool = True,
+    say: Callable[[str], None] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> tuple[Capture, PersonMasks]:
+    """The capture with a mask of the person in every view of every selected frame, and these masks. Those that are
+    missing are found, unless `find` is off; then nothing changes and the registered body stands for the person."""
+    found = find_person_masks(capture, character, key=key, overrides=overrides, progress=progress) if find else {}
+    say_doubts(capture, found, say)
+    return (capture.with_masks(masks_of(found)) if found else capture), found
+
+
+def find_person_masks(
+    capture: Capture,
+    character: Character,
+    *,
+    key: PRNGKeyArray,
+    overrides: Overrides | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> PersonMasks:
+    """Masks for the selected frames that lack one."""
+    frames = capture.selected_frames or (0,)
+    cameras = range(capture.num_cameras)
+    missing = [frame for frame in frames if any(capture.mask(camera, frame) is None for camera in cameras)]
+    found: PersonMasks = {}
+    for number, frame in enumerate(missing):
+        if progress is not None:
+            progress("masks", number, len(missing))
+        found |= segment_person(
+            capture, capture.cameras, character, (frame,), key=key, overrides=overrides, settings=_SETTINGS
+        )
+    if progress is not None and missing:
+        progress("masks", len(missing), len(missing))
+    return found
+
+
+def say_doubts(capture: Capture, found: PersonMasks, say: Callable[[str], None] | None) -> None:
+    """Tell which masks are doubtful."""
+    for sentence in doubts(capture, found, _SETTINGS.warn_below):
+        if say is not None:
+            say(sentence)
+
+
+def doubts(capture: Capture, found: PersonMasks, below: float) -> list[str]:
+    """A sentence for all masks whose confidence is low, or none."""
+    weak = [
+        f"{capture.camera_names[camera]} frame {int(capture.video_frames[camera, frame])} ({one.confidence.value:.2f})"
+        for frame, row in found.items()
+        for camera, one in enumerate(row)
+        if one.confidence is not None and one.confidence.value < below
+    ]
+    if not weak:
+        return []
+    return [
+        f"the person's outline is doubtful in {', '.join(weak)}: look at it with jaxmocap segment, and give a mask "
+        "where it is wrong."
+    ]
+
+
+def mask_record(capture: Capture, found: PersonMasks) -> MaskRecord:
+    """Per selected frame and camera: "given", "found" with its confidence, or "silhouette", where there is none and the
+    registered body stands for the person."""
+
+    def one(frame: int, camera: int) -> dict:
+        row = found.get(frame)
+        if row is not None:
+            return person_record(row[camera])
+        return {"source": "silhouette" if capture.mask(camera, frame) is None else "given"}
+
+    return {
+        str(frame): {name: one(frame, camera) for camera, name in enumerate(capture.camera_names)}
+        for frame in capture.selected_frames or (0,)
+    }
+
+
+def person_record(person: PersonMask) -> dict:
+    """One mask as a report holds it."""
+    if person.confidence is None:
+        return {"source": person.source}
+    parts = {name: round(float(value), 3) for name, value in person.confidence._asdict().items()}
+    return {"source": person.source, "confidence": round(person.confidence.value, 3), **parts}

@@ -1,0 +1,97 @@
+"""What tracking begins with: masks, registered poses and appearance of the selected frames."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, PRNGKeyArray
+
+from jaxmocap._types import Quality
+from jaxmocap.appearance import Appearance, AppearanceSettings, appearance_preset, fit_appearance
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import Capture
+from jaxmocap.character import Character, Pose, skin
+from jaxmocap.observation import facing_cosine, full_image_ids, key_poses_of
+from jaxmocap.registration import Overrides, PersonMasks, Registration, masks_of, register
+
+from ._defaults import find_person_masks
+
+
+class Prepared(NamedTuple):
+    """Masks that were found, where the capture has none; the registered poses; and the appearance."""
+
+    masks: PersonMasks
+    registrations: dict[int, Registration]
+    appearance: Appearance
+
+
+def register_and_learn(
+    capture: Capture,
+    character: Character,
+    key: PRNGKeyArray,
+    overrides: Overrides | None,
+    quality: Quality,
+    find_masks: bool,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Prepared:
+    """Find masks where there are none (if `find_masks`), register the selected frames and fit the appearance."""
+    tell = progress or (lambda stage, done, total: None)
+    found: PersonMasks = {}
+    if find_masks:
+        mask_key = jax.random.fold_in(key, 4)
+        found = find_person_masks(capture, character, key=mask_key, overrides=overrides, progress=progress)
+        capture = capture.with_masks(masks_of(found))
+    cameras, selected = capture.cameras, capture.selected_frames or (0,)
+    tell("register", 0, len(selected))
+    registrations: dict[int, Registration] = {}
+    for number, frame in enumerate(selected):
+        registrations |= register(
+            capture, cameras, character, (frame,), key=jax.random.fold_in(key, 1), overrides=overrides
+        )
+        tell("register", number + 1, len(selected))
+    tell("appearance", 0, 1)
+    appearance = fit_capture_appearance(
+        capture,
+        cameras,
+        character,
+        key_poses_of(registrations),
+        key=jax.random.fold_in(key, 2),
+        settings=appearance_preset(quality),
+    )
+    tell("appearance", 1, 1)
+    return Prepared(found, registrations, appearance)
+
+
+def fit_capture_appearance(
+    capture: Capture,
+    cameras: Cameras,
+    character: Character,
+    key_poses: dict[int, Pose],
+    *,
+    key: PRNGKeyArray,
+    masks: dict[int, list[Bool[np.ndarray, "height width"] | None]] | None = None,
+    settings: AppearanceSettings | None = None,
+) -> Appearance:
+    """Appearance models (Eq. 3) of a capture from its registered selected frames.
+
+    `key_poses` maps each selected frame to its registered pose. Masks are the capture's; where it has none, the
+    rendered silhouette takes its place.
+    """
+    selected = sorted(key_poses)
+    ids, images, facing, person = [], [], [], []
+    for frame in selected:
+        vertices = skin(character, key_poses[frame])
+        centres = np.asarray(cameras.centres())[:, frame]
+        ids.append(full_image_ids(character, vertices, cameras, frame))
+        images.append([capture.image(camera, frame) for camera in range(cameras.num_cameras)])
+        facing.append([facing_cosine(np.asarray(vertices), np.asarray(character.faces), centre) for centre in centres])
+        found = (
+            masks[frame]
+            if masks is not None
+            else [capture.mask(camera, frame) for camera in range(cameras.num_cameras)]
+        )
+        person.append([m if m is not None else i >= 0 for m, i in zip(found, ids[-1], strict=True)])
+    return fit_appearance(
+        ids, images, facing, np.asarray(character.faces), selected, key=key, masks=person, settings=settings
+    )

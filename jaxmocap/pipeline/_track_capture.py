@@ -1,0 +1,234 @@
+"""A capture folder in, a result folder out: what the command `track` does."""
+
+import time
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxmocap._cache import cached_stage, code_hash, different, digest, machine, preload_programs, programs_recorded
+from jaxmocap._files import write_json
+from jaxmocap._results import InputError
+from jaxmocap._runtime import make_room, versions
+from jaxmocap._types import Quality
+from jaxmocap.capture import Capture, Detections, content_hash, folder_hash
+from jaxmocap.character import Character
+from jaxmocap.motion import Motion
+from jaxmocap.observation import observe
+from jaxmocap.refinement import DetectionPlan
+from jaxmocap.registration import Registration, masks_of, read_pose_file
+from jaxmocap.rigging import open_actor
+from jaxmocap.track import Checkpoint, Tracker, motion_of, track_frames, with_settings
+from jaxmocap.verdict import FrameResult
+from jaxmocap.viewers import overlay_videos, report_page
+
+from ._defaults import MaskRecord, mask_record, say_doubts, with_selected_frames
+from ._register_and_learn import Prepared, register_and_learn
+from ._run_folder import finished, run_folder
+
+Report = Callable[[str, int, int], None]
+"""Told what is being done, how much of it is done, and how much there is."""
+
+
+def open_character(
+    capture: Capture, actor: str | Path | None = None, say: Callable[[str], None] | None = None
+) -> Character:
+    """The character in the file `actor`, or else the capture's; a bare mesh is rigged, and `say` told so. Raises
+    `InputError` when there is neither."""
+    if actor is not None:
+        return open_actor(actor, say)
+    if capture.actor is None:
+        raise InputError(
+            f"capture '{capture.name}' names no actor; add actor = \"FILE.glb\", a skinned glTF or a bare mesh, to "
+            "capture.toml."
+        )
+    return open_actor(capture.actor, say)
+
+
+def registration_record(registrations: dict[int, Registration], character: Character, masks: MaskRecord) -> dict:
+    """What `registration.json` holds: per selected frame the fit, the masks and the pose, metres and degrees."""
+    from jaxmocap.character import pose_vector
+
+    record = {}
+    for frame, found in registrations.items():
+        vector = np.array(pose_vector(character.skeleton, found.pose), np.float64)
+        vector[3:] = np.rad2deg(vector[3:])
+        record[str(frame)] = {
+            "iou": [None if np.isnan(v) else round(float(v), 4) for v in found.iou],
+            "keypoint_rms_m": None if np.isnan(found.keypoint_rms) else round(found.keypoint_rms, 4),
+            "searched": found.searched,
+            "masks": masks[str(frame)],
+            "pose": {name: round(float(v), 5) for name, v in zip(character.skeleton.dof_names, vector, strict=True)},
+        }
+    return record
+
+
+def _frame_report(result: FrameResult, status: str) -> dict:
+    return {
+        "frame": result.frame,
+        "status": status,
+        "energy": {name: round(value, 5) for name, value in result.energy.items()},
+        "signals": None if result.signals is None else result.signals.as_json(),
+        "seconds": {name: round(value, 3) for name, value in result.seconds.items()},
+    }
+
+
+def track_capture(
+    path: str | Path,
+    out: str | Path,
+    *,
+    quality: Quality = "normal",
+    seed: int = 0,
+    frames: tuple[int, int] | None = None,
+    pose_file: str | Path | None = None,
+    actor: str | Path | None = None,
+    tracker: Tracker | None = None,
+    settings: Mapping[str, Any] | None = None,
+    overlays: bool = True,
+    progress: Report | None = None,
+    find_masks: bool = True,
+    detections: str | Path | None = None,
+    detections_frames: Collection[int] | None = None,
+    say: Callable[[str], None] | None = None,
+    resume: bool = False,
+    cache: bool = True,
+) -> Motion:
+    """Track a capture and write the result folder: `motion.npz`, `report.json`, `registration.json`, one overlay
+    video per view, and the report page.
+
+    `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `actor` is a character's file and
+    `tracker` a tracker, instead of the capture's and the preset; `settings` change single settings of the tracker by
+    name (`with_settings`). Selected frames that the capture does not name are chosen, and masks it does not have are
+    found (unless `find_masks` is off); the report says so, and `say` is told at once, also when a mask is doubtful.
+    With `detections`, a folder of BODY_25 files, keypoints count beside the pixels, in `detections_frames` or
+    everywhere.
+
+    A run that fails or is killed leaves the frames it has done in `out`, and with `resume` the same call goes on from
+    there to the same `motion.npz`, byte for byte; a run that is finished is read. Without frames it leaves nothing.
+    Unless `cache` is off, registration and appearance are kept in the user's cache folder and taken from there when
+    capture, character, settings, seed and code are the same.
+    """
+    tell = progress or (lambda stage, done, total: None)
+    out = Path(out)
+    begin = time.perf_counter()
+    make_room()
+    run_like = {"path": str(Path(path).resolve()), "quality": quality, "settings": dict(settings or {})}
+    preload_programs(run_like)
+    capture = Capture.open(path)
+    character = open_character(capture, actor, say)
+    overrides = read_pose_file(pose_file) if pose_file is not None else None
+    if detections is None and detections_frames is not None:
+        raise InputError("frames for detections are given, but no detections; name their folder with --detections.")
+    found_points = None if detections is None else Detections.open(capture, detections, detections_frames)
+    tracker = Tracker.preset(quality) if tracker is None else tracker
+    if found_points is not None and tracker.detections is None:
+        tracker = replace(tracker, detections=DetectionPlan())
+    tracker = with_settings(tracker, settings or {})
+    inputs = {
+        "capture": content_hash(capture),
+        "character": digest(character),
+        "pose file": digest(overrides),
+        "quality": quality,
+        "choice of finding masks": find_masks,
+        "seed": seed,
+        "version of jaxmocap": code_hash(),
+        "set of packages": versions(),
+        "machine": machine(),
+    }
+    run_inputs = inputs | {
+        "settings": digest(tracker),
+        "span of frames": None if frames is None else list(frames),
+        "set of detections": None if detections is None else folder_hash(Path(detections)),
+        "choice of frames with detections": None if detections_frames is None else sorted(detections_frames),
+    }
+    if resume and finished(out):
+        return _finished_motion(out, run_inputs)
+    with run_folder(out, resume=resume) as (staging, kept_in):
+        checkpoint = Checkpoint(kept_in, run_inputs)
+        capture, selection = with_selected_frames(capture, overrides, say)
+        selected = capture.selected_frames or (0,)
+        unknown = sorted(set(overrides or {}) - set(selected))
+        if unknown:
+            raise InputError(
+                f"the pose file {pose_file} sets frame {unknown[0]}, which is not registered; the selected frames of "
+                f"capture '{capture.name}' are {', '.join(map(str, selected))}."
+            )
+        capture.look_ahead(selected)
+        key = jax.random.key(seed)
+
+        def make() -> Prepared:
+            return register_and_learn(capture, character, key, overrides, quality, find_masks, progress)
+
+        made = cached_stage("prepared", inputs | {"selected frames": list(selected)}, make) if cache else make()
+        say_doubts(capture, made.masks, say)
+        capture = capture.with_masks(masks_of(made.masks))
+        cameras = capture.cameras
+        observations = observe(capture, cameras, character, made.appearance, made.registrations, found_points)
+        prepared = time.perf_counter()
+        try:
+            with programs_recorded(run_like):
+                results = track_frames(
+                    observations,
+                    tracker,
+                    key=jax.random.fold_in(key, 3),
+                    frames=frames,
+                    progress=None if progress is None else lambda step: progress("track", step.done, step.total),
+                    checkpoint=checkpoint,
+                )
+        except BaseException:
+            if checkpoint.exists and say is not None:
+                say(f"The frames done so far are kept in {out}; the same command with --resume goes on from there.")
+            raise
+        tracked = time.perf_counter()
+        provenance = {
+            "capture": str(capture.folder.resolve()),
+            "capture_name": capture.name,
+            "recorded_sizes": [list(size) for size in capture.recorded_sizes],
+            "truth": None if capture.truth is None else str(capture.truth.resolve()),
+            "actor": str(Path(actor or capture.actor or "").resolve()),
+            "quality": quality,
+            "detections": None if detections is None else str(Path(detections).resolve()),
+            "detections_frames": None if detections_frames is None else sorted(detections_frames),
+            "settings": {name: str(value) for name, value in (settings or {}).items()},
+            "seed": seed,
+            "versions": versions(),
+            "device": str(jax.devices()[0]),
+            "inputs": run_inputs,
+            "seconds": {"prepare": prepared - begin, "track": tracked - prepared},
+            "selected_frames": selection,
+            "registration": registration_record(made.registrations, character, mask_record(capture, made.masks)),
+        }
+        motion = motion_of(observations, results, provenance, tracker.verdict)
+        motion.save(staging)
+        write_json(staging / "registration.json", provenance["registration"])
+        write_json(
+            staging / "report.json",
+            {
+                **motion.provenance,
+                "frames": len(motion),
+                "trusted_frames": int(motion.trusted.sum()),
+                "lost_frames": int((motion.status == "lost").sum()),
+                "doubtful_frames": int((motion.status == "doubtful").sum()),
+                "verdicts": [_frame_report(r, str(s)) for r, s in zip(results, motion.status, strict=True)],
+            },
+        )
+        if overlays:
+            tell("overlays", 0, 1)
+            overlay_videos(capture, cameras, motion, staging)
+            tell("overlays", 1, 1)
+    tell("report page", 0, 1)  # made of what is written; whatever happens to it, the result is safe
+    report_page(out, capture=capture, say=say)
+    tell("report page", 1, 1)
+    return motion
+
+
+def _finished_motion(out: Path, inputs: dict[str, Any]) -> Motion:
+    """The result in a folder, if it was made of these inputs."""
+    motion = Motion.load(out)
+    others = different(motion.provenance.get("inputs", {}), inputs)
+    if others:
+        raise InputError(f"the folder {out} holds the result of another {others}; choose another folder.")
+    return motion

@@ -1,0 +1,15 @@
+"""The local refinement of sec. 4.2: correspondences, rows, least squares."""
+
+from ._least_squares import Prior as Prior, Rows as Rows, descend as descend, free_prior as free_prior
+from ._plan import DetectionPlan as DetectionPlan, RefinePlan as RefinePlan, RefineWeights as RefineWeights
+from ._refine import Refinement as Refinement, detection_rays as detection_rays
+from ._surface_flow import (
+    Comparison as Comparison,
+    FlowSettings as FlowSettings,
+    Source as Source,
+    compare as compare,
+    padded as padded,
+    picture_source as picture_source,
+    same_time_sources as same_time_sources,
+    surface_flow as surface_flow,
+)

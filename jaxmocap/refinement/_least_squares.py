@@ -1,0 +1,148 @@
+"""One damped Gauss-Newton step on rows of surface points and rays, with the priors of Eq. 10, for any refiner."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxmocap._cache import cached_jit
+from jaxmocap.character import Character, Pose, retract
+from jaxmocap.energies import LineResidual, SurfaceLines, join_lines
+from jaxmocap.refiners import AbstractRefiner, RefineProblem
+
+LandmarkRows = Callable[[Character, Pose], Float[Array, "rows"]]
+"""Residuals of a pose's landmarks, such as `LandmarkRays`."""
+
+
+class Rows(NamedTuple):
+    """Lines with one scale (metres that count as 1) and one Geman-McClure scale (metres; infinity: plain squares)."""
+
+    lines: SurfaceLines
+    scale: float | Array
+    robust: float | Array
+
+
+class Prior(NamedTuple):
+    """The box and the terms of Eq. 10 on the increment from the base pose."""
+
+    lower: Float[Array, "dof"]
+    upper: Float[Array, "dof"]
+    l1: Float[Array, "dof"]
+    weight: Float[Array, "dof"]
+    target: Float[Array, "dof"]
+
+
+@jax.jit
+def free_prior(character: Character, base: Pose, weight: float | Array | np.ndarray = 1e-3) -> Prior:
+    """Joint limits and a weak pull to the base pose, no L1."""
+    far = jnp.full(6, 10.0)
+    skeleton = character.skeleton
+    return Prior(
+        jnp.concatenate([-far, skeleton.lower - base.angles]),
+        jnp.concatenate([far, skeleton.upper - base.angles]),
+        jnp.zeros(39),
+        jnp.broadcast_to(jnp.asarray(weight, jnp.float32), (39,)),
+        jnp.zeros(39),
+    )
+
+
+class Step(NamedTuple):
+    delta: Float[Array, "dof"]
+    before: Float[Array, ""]
+    after: Float[Array, ""]
+    hessian: Float[Array, "dof dof"]
+
+
+def _array(value: float | Array) -> Array:
+    """A number as an array, which is not compiled in."""
+    return jax.device_put(np.asarray(value, np.float32))
+
+
+def _residual(character, base, rows, landmarks):
+    parts = []
+    if rows:  # as one part: it compiles and runs faster than many
+        lines = join_lines(*(row.lines for row in rows))
+        counts = [row.lines.weight.shape[0] for row in rows]
+        scale, robust = (
+            jnp.concatenate([jnp.full(n, v, jnp.float32) for n, v in zip(counts, values, strict=True)])
+            for values in ([row.scale for row in rows], [row.robust for row in rows])
+        )
+        parts.append(LineResidual(character, base, lines, scale, robust))
+
+    def residual(delta: Array) -> Array:
+        values = [part(delta) for part in parts]
+        values += [rays(character, retract(character.skeleton, base, delta)) for rays in landmarks]
+        return jnp.concatenate(values)
+
+    return residual
+
+
+@cached_jit
+def gauss_newton_step(
+    character: Character,
+    base: Pose,
+    delta: Float[Array, "dof"],
+    rows: tuple[Rows, ...],
+    landmarks: tuple[LandmarkRows, ...],
+    prior: Prior,
+    damping: Float[Array, ""],
+    refiner: AbstractRefiner,
+) -> Step:
+    """Linearise all rows at `delta` (an increment of `base`), solve with the L1, the prior and the box, and say what
+    the true objective does. The normal equations are compressed to 39 rows, so any refiner is cheap."""
+    residual = _residual(character, base, rows, landmarks)
+    value = residual(delta)
+    jacobian = jax.jacfwd(residual)(delta)
+    hessian = jnp.matmul(jacobian.T, jacobian, precision="highest")
+    slope = jnp.matmul(value, jacobian, precision="highest")
+    diagonal = jnp.diagonal(hessian)
+    damped = hessian + jnp.diag(damping * diagonal + 1e-6 * diagonal.max() + 1e-9)
+    factor = jnp.linalg.cholesky(damped).T
+    target = delta - jax.scipy.linalg.cho_solve((factor, False), slope)
+    problem = RefineProblem(
+        residual=lambda d: factor @ (d - target),
+        jacobian=lambda d: factor,
+        prior=prior.target,
+        lower=prior.lower,
+        upper=prior.upper,
+        l1=prior.l1,
+        prior_weight=prior.weight,
+    )
+    moved = refiner.refine(problem, delta).value
+
+    def objective(d: Array, rest: Array) -> Array:
+        return jnp.sum(rest**2) + jnp.sum(prior.l1 * jnp.abs(d)) + jnp.sum(prior.weight * (d - prior.target) ** 2)
+
+    return Step(moved, objective(delta, value), objective(moved, residual(moved)), hessian)
+
+
+def descend(
+    character: Character,
+    base: Pose,
+    delta: Float[Array, "dof"],
+    rows: tuple[Rows, ...],
+    landmarks: tuple[LandmarkRows, ...],
+    prior: Prior,
+    refiner: AbstractRefiner,
+    steps: int = 3,
+    damping: float = 1e-3,
+    tolerance: float = 1e-4,
+) -> tuple[Float[Array, "dof"], Float[Array, "dof dof"]]:
+    """A few accepted Gauss-Newton steps with fixed correspondences; returns the increment and the last J^T J."""
+    step, rows = None, tuple(row._replace(scale=_array(row.scale), robust=_array(row.robust)) for row in rows)
+    for _ in range(steps):
+        step = gauss_newton_step(
+            character, base, delta, rows, landmarks, prior, jnp.asarray(damping, jnp.float32), refiner
+        )
+        if float(step.after) <= float(step.before) * (1 + 1e-6):
+            moved = float(np.abs(np.asarray(step.delta) - np.asarray(delta)).max())
+            delta, damping = step.delta, damping / 3
+            if moved < tolerance:
+                break
+        else:
+            damping = max(damping, 1e-4) * 8
+    assert step is not None
+    return delta, step.hessian

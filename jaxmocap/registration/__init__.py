@@ -1,0 +1,23 @@
+"""Registration at the selected frames (sec. 3.2): poses, masks, and a character made to measure."""
+
+from ._fit_character import (
+    CharacterFit as CharacterFit,
+    CharacterFitSettings as CharacterFitSettings,
+    fit_character as fit_character,
+)
+from ._fit_silhouette import (
+    RegistrationSettings as RegistrationSettings,
+    fit_to_masks as fit_to_masks,
+    intersection_over_union as intersection_over_union,
+)
+from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, triangulated as triangulated
+from ._pose_file import Overrides as Overrides, apply_overrides as apply_overrides, read_pose_file as read_pose_file
+from ._register import Registration as Registration, register as register, register_frame as register_frame
+from ._segment import (
+    PersonMask as PersonMask,
+    PersonMasks as PersonMasks,
+    SegmentationSettings as SegmentationSettings,
+    masks_of as masks_of,
+    segment_person as segment_person,
+)
+from ._shape_problem import ShapePrior as ShapePrior

@@ -1,0 +1,172 @@
+"""A generic character made to the measure of the filmed person, from keypoints and masks of a few frames."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import Capture, check_subject
+from jaxmocap.character import BodyShape, Character, Pose, clamp, scaled
+from jaxmocap.energies import LandmarkRays, keypoint_rays
+from jaxmocap.observation import BODY_25, FACE, stacked_keypoints
+from jaxmocap.refiners import AbstractRefiner, LeastSquares, Shooting
+
+from ._inverse_kinematics import inverse_kinematics, triangulated
+from ._shape_masks import mask_problems, outlines
+from ._shape_problem import OFFSETS, FramesSeen, ShapePrior, ShapeProblem, detector_points, solve
+
+FEWEST_FRAMES, FEWEST_POINTS = 3, 3
+
+
+_POINTS = BODY_25 | FACE
+
+
+@dataclass(frozen=True)
+class CharacterFitSettings:
+    """`keypoint_scale` metres off a keypoint's ray count as one standard deviation; beyond `robust` metres a keypoint
+    fades (Geman and McClure), one solve after the other. `mask_rounds` times contours are tied to the masks anew."""
+
+    prior: ShapePrior = field(default_factory=ShapePrior)
+    keypoint_scale: float = 0.01
+    robust: tuple[float, ...] = (0.15, 0.05, 0.03)
+    mask_rounds: int = 5
+    refiner: AbstractRefiner = field(default_factory=lambda: LeastSquares(smoothing=(1e-2,), max_steps=100))
+    pose_refiner: AbstractRefiner = field(default_factory=Shooting)
+
+
+@dataclass(frozen=True)
+class CharacterFit:
+    """The fitted `character`, the `shape` that makes it of the generic one, and the poses it was fitted in.
+
+    `offsets` is where a detector sees a landmark of the left side, from the landmark, metres in the rest frame.
+    `keypoint_error` is the median distance of points and keypoints' rays in metres, `generic_error` that of the
+    generic character in its own best poses. `num_masks` counts the masks that took part.
+    """
+
+    character: Character
+    shape: BodyShape
+    poses: dict[int, Pose]
+    offsets: dict[str, Float[np.ndarray, "3"]]
+    keypoint_error: float
+    generic_error: float
+    num_masks: int
+
+
+def fit_character(
+    capture: Capture,
+    cameras: Cameras,
+    character: Character,
+    frames: Sequence[int] | None = None,
+    *,
+    settings: CharacterFitSettings | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> CharacterFit:
+    """Bone lengths and girths of a generic character, fitted to a capture's keypoints and masks at a few frames.
+
+    Not in the paper, which scans its actors. `frames` are positions, by default the selected frames, and need BODY_25
+    keypoints in two views; girths are learnt from masks where there are any and else follow the lengths. All
+    unknowns, `BodyShape`, detector offsets and one pose per frame, are solved together by Levenberg-Marquardt
+    (optimistix) with the priors of `ShapePrior`; keypoints weigh by confidence. Raises `InputError` when fewer than
+    three frames can be used, for the proportions would be guesses, and where `register` does.
+    """
+    settings = CharacterFitSettings() if settings is None else settings
+    tell = progress or (lambda stage, done, total: None)
+    chosen = _usable_frames(capture, cameras, frames)
+    for finding in check_subject(capture, cameras):
+        if finding.severity == "error":
+            raise InputError(f"capture '{capture.name}': {finding.message}")
+    base, rays = [], []
+    for number, frame in enumerate(chosen):
+        tell("poses", number, len(chosen))
+        view, keypoints = cameras.at(frame), _keypoints(capture, frame)
+        where = f"frame {frame} of capture '{capture.name}'"
+        base.append(inverse_kinematics(character, view, keypoints, settings.pose_refiner, where=where)[0])
+        seen = jnp.asarray(stacked_keypoints(keypoints))
+        scale = settings.keypoint_scale
+        rays.append(keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale, table=_POINTS))
+    tell("poses", len(chosen), len(chosen))
+    problem = ShapeProblem(character, FramesSeen(_stacked(base), _stacked(rays)), settings.prior)
+    masks = [[capture.mask(c, frame) for c in range(cameras.num_cameras)] for frame in chosen]
+    num_masks = sum(mask is not None for row in masks for mask in row)
+    stages = len(settings.robust) + (settings.mask_rounds if num_masks else 0)
+    vector = problem.start()
+    for number, robust in enumerate(settings.robust):
+        tell("shape", number, stages)
+        fading = jnp.full(len(chosen), robust)
+        problem = eqx.tree_at(lambda p: p.seen.rays.robust, problem, fading)
+        vector = solve(problem, vector, settings.refiner)
+    if num_masks:
+        fitted, poses = _found(problem, vector)
+        outlined = mask_problems(capture, cameras, character, dict(zip(chosen, poses, strict=True)), masks)
+        for number in range(settings.mask_rounds):
+            tell("shape", len(settings.robust) + number, stages)
+            contours = outlines(fitted, poses, outlined, number)
+            problem = ShapeProblem(character, FramesSeen(problem.seen.base, problem.seen.rays, contours), problem.prior)
+            vector = solve(problem, vector, settings.refiner)
+            fitted, poses = _found(problem, vector)
+    tell("shape", stages, stages)
+    fitted, poses = _found(problem, vector)
+    found = problem.unknowns(vector)
+    return CharacterFit(
+        character=fitted,
+        shape=found.shape,
+        poses=dict(zip(chosen, poses, strict=True)),
+        offsets=dict(zip(OFFSETS, np.asarray(found.offsets), strict=True)),
+        keypoint_error=_error(fitted, poses, rays, found.offsets),
+        generic_error=_error(character, base, rays, jnp.zeros_like(found.offsets)),
+        num_masks=num_masks,
+    )
+
+
+def _keypoints(capture: Capture, frame: int) -> list[np.ndarray | None]:
+    return [capture.keypoints(camera, frame) for camera in range(capture.num_cameras)]
+
+
+def _usable_frames(capture: Capture, cameras: Cameras, frames: Sequence[int] | None) -> tuple[int, ...]:
+    """The frames asked for, or those selected, in which two views show enough keypoints."""
+    asked = tuple(sorted(set(capture.selected_frames or () if frames is None else frames)))
+    beyond = [frame for frame in asked if not 0 <= frame < capture.num_frames]
+    if beyond:
+        raise InputError(
+            f"capture '{capture.name}' has no frame {beyond[0]}; its frames are 0 to {capture.num_frames - 1}."
+        )
+    usable = []
+    for frame in asked:
+        keypoints = _keypoints(capture, frame)
+        if sum(points is not None for points in keypoints) >= 2:
+            _, known = triangulated(cameras.at(frame), keypoints)
+            usable += [frame] * bool(known.sum() >= FEWEST_POINTS)
+    if len(usable) < FEWEST_FRAMES:
+        listed = f" ({', '.join(map(str, asked))})" if asked else ""
+        raise InputError(
+            f"capture '{capture.name}': {len(usable)} of the {len(asked)} frames to fit at{listed} have "
+            f"{FEWEST_POINTS} or more keypoints in two views, but fitting a character needs {FEWEST_FRAMES} such "
+            "frames; add keypoint files, or choose other frames with --at."
+        )
+    return tuple(usable)
+
+
+def _stacked(values: list):
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *values)
+
+
+def _found(problem: ShapeProblem, vector: Float[Array, "unknown"]) -> tuple[Character, list[Pose]]:
+    """The character of a solution and its poses."""
+    unknowns = problem.unknowns(vector)
+    fitted = scaled(problem.character, unknowns.shape)
+    poses = problem.poses(unknowns, fitted)
+    return fitted, [clamp(fitted.skeleton, Pose(*pose)) for pose in zip(poses.root, poses.angles, strict=True)]
+
+
+def _error(character: Character, poses: list[Pose], rays: list[LandmarkRays], offsets: Array) -> float:
+    distances = []
+    for pose, lines in zip(poses, rays, strict=True):
+        vectors = lines.distances(detector_points(character.skeleton, pose, offsets))
+        distances.append(np.linalg.norm(np.asarray(vectors), axis=1)[np.asarray(lines.weight) > 0])
+    return float(np.median(np.concatenate(distances)))

@@ -1,0 +1,141 @@
+"""Fit a posed mesh to the masks of one frame: contours, silhouettes, and views against each other."""
+
+from dataclasses import dataclass, field
+
+import cv2
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+from jaxmocap.character import Character, Pose, initial_spread, retract
+from jaxmocap.energies import ContourSettings, LandmarkRays, SearchEnergy, Silhouette, contour_lines
+from jaxmocap.observation import FrameProblem, draw
+from jaxmocap.refinement import FlowSettings, Prior, Rows, Source, descend, free_prior, same_time_sources, surface_flow
+from jaxmocap.refiners import AbstractRefiner, Shooting
+from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
+from jaxmocap.search import Stage, group_searches
+
+
+@dataclass(frozen=True)
+class RegistrationSettings:
+    """`rounds` of contour association and least squares. Below `search_below` intersection over union the silhouette
+    energy is searched by annealing (Gall et al. 2009). `view_flow` rounds compare the views with each other through the
+    surface (Eq. 7 as least squares); 0 leaves that out, which is the paper's registration."""
+
+    rounds: int = 10
+    search_below: float = 0.9
+    warn_below: float = 0.9
+    view_flow: int = 10
+    refiner: AbstractRefiner = field(default_factory=Shooting)
+
+
+def intersection_over_union(ids: np.ndarray, mask: Bool[np.ndarray, "height width"]) -> float:
+    """Agreement of a drawn mesh (face ids, -1 empty) and a mask."""
+    drawn = np.asarray(ids) >= 0
+    union = (drawn | mask).sum()
+    return float((drawn & mask).sum() / union) if union else float("nan")
+
+
+def _frozen(prior: Prior, fixed: list[int]) -> Prior:
+    """The prior with some DoFs held at the base pose."""
+    index = jnp.array(fixed, jnp.int32)
+    return prior._replace(lower=prior.lower.at[index].set(0.0), upper=prior.upper.at[index].set(0.0))
+
+
+def _mask_contours(within: float) -> ContourSettings:
+    """How contours look for a mask's outline, no farther than so many pixels; one compiled program for all of them."""
+    return ContourSettings(reach=30, capacity=2048, accept_cosine=0.5, accept_score=0.8, within=within)
+
+
+def fit_to_masks(
+    character: Character,
+    pose: Pose,
+    problem: FrameProblem,
+    landmarks: tuple[LandmarkRays, ...],
+    settings: RegistrationSettings,
+    fixed: list[int],
+) -> Pose:
+    """Local optimisation of Gall et al. 2009: contour points to the mask outline, re-associated every round."""
+    for round_index in range(settings.rounds):
+        contours = _mask_contours(30 if round_index < 3 else 15)
+        vertices, ids, inverse = draw(character, pose, problem)
+        lines = contour_lines(vertices, character.faces, ids, inverse, problem, contours)
+        prior = free_prior(character, pose, np.repeat(np.array([0.5, 3.0], np.float32), [6, 33]))
+        rows = (Rows(lines, 0.02, 0.03 if round_index < 5 else 0.015),)
+        delta, _ = descend(
+            character,
+            pose,
+            jnp.zeros(39),
+            rows,
+            landmarks,
+            _frozen(prior, fixed),
+            settings.refiner,
+            steps=3,
+            damping=1e-3,
+        )
+        pose = retract(character.skeleton, pose, delta)
+    return pose
+
+
+def search_silhouettes(
+    character: Character,
+    pose: Pose,
+    problem: FrameProblem,
+    masks: Float[Array, "camera height width"],
+    key: PRNGKeyArray,
+    fixed: list[int],
+) -> Pose:
+    """Annealing on the silhouette energy, group by group."""
+    energy = SearchEnergy((Silhouette(masks),))
+    spread = initial_spread(character) * 1.5
+    spread[fixed] = 0.0
+    for number, search in enumerate(group_searches(character)):
+        sampler = InteractingSimulatedAnnealing(num_particles=particles_for(len(search.dofs)), num_iterations=15)
+        result = search(
+            (Stage(energy, 1, 15),), sampler, character, pose, problem, spread, jax.random.fold_in(key, number)
+        )
+        pose = retract(character.skeleton, pose, result.increment)
+    return pose
+
+
+def fit_between_views(
+    character: Character,
+    pose: Pose,
+    problem: FrameProblem,
+    crops: list[np.ndarray],
+    landmarks: tuple[LandmarkRays, ...],
+    settings: RegistrationSettings,
+    fixed: list[int],
+    extra: list[list[Source]] | None = None,
+) -> Pose:
+    """Contours to the masks and, through the surface, every view against every other (and `extra` sources)."""
+    cameras = range(problem.num_cameras)
+    for _ in range(settings.view_flow):
+        vertices, ids, inverse = draw(character, pose, problem)
+        host_ids = np.asarray(ids)
+        pictures = [_embed(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
+        views = same_time_sources(pictures, problem, vertices, host_ids)
+        sources = [[views[n] for n in cameras if n != m] + (extra[m] if extra else []) for m in cameras]
+        flows = surface_flow(character, vertices, ids, crops, problem, sources, FlowSettings())
+        contours = contour_lines(vertices, character.faces, ids, inverse, problem, _mask_contours(12))
+        rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
+        prior = free_prior(character, pose, np.repeat(np.array([0.2, 0.8], np.float32), [6, 33]))
+        delta, _ = descend(
+            character,
+            pose,
+            jnp.zeros(39),
+            rows,
+            landmarks,
+            _frozen(prior, fixed),
+            settings.refiner,
+            steps=3,
+            damping=1e-3,
+        )
+        pose = retract(character.skeleton, pose, delta)
+    return pose
+
+
+def _embed(crop: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """The crop at its place in a full image, so that source pixels keep full-image coordinates."""
+    return cv2.copyMakeBorder(crop, int(origin[0]), 0, int(origin[1]), 0, cv2.BORDER_REPLICATE)

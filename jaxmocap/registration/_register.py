@@ -1,0 +1,168 @@
+"""Registration of the mesh at the selected frames (sec. 3.2): keypoints, then contours and masks, then search if
+needed."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, PRNGKeyArray
+
+from jaxmocap._results import InputError
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import Capture, check_subject, choose_frames
+from jaxmocap.character import Character, Pose, rest_pose, skin
+from jaxmocap.energies import keypoint_rays
+from jaxmocap.observation import (
+    Surface,
+    build_problem,
+    draw,
+    frame_rectangle,
+    mask_edges,
+    stacked_keypoints,
+    surface_of,
+)
+
+from ._fit_silhouette import (
+    RegistrationSettings,
+    fit_between_views,
+    fit_to_masks,
+    intersection_over_union,
+    search_silhouettes,
+)
+from ._inverse_kinematics import inverse_kinematics
+from ._pose_file import Overrides, apply_overrides
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The pose at one selected frame, and how well it fits: intersection over union per view (NaN without a mask), RMS
+    distance to the keypoints' rays in metres, and whether annealing was needed."""
+
+    frame: int
+    pose: Pose
+    iou: Float[np.ndarray, "camera"]
+    keypoint_rms: float
+    searched: bool
+
+
+def register_frame(
+    capture: Capture,
+    cameras: Cameras,
+    character: Character,
+    frame: int,
+    *,
+    key: PRNGKeyArray,
+    surface: Surface | None = None,
+    start: Pose | None = None,
+    overrides: dict[str, float] | None = None,
+    settings: RegistrationSettings | None = None,
+) -> Registration:
+    """Pose of the mesh at one selected frame.
+
+    `start` replaces the inverse kinematics (needed when the frame has no keypoints). `overrides` fixes single DoFs.
+    """
+    settings = RegistrationSettings() if settings is None else settings
+    views = range(cameras.num_cameras)
+    view = cameras.at(frame)
+    keypoints = [capture.keypoints(c, frame) for c in views]
+    rms = float("nan")
+    if start is None and all(points is None for points in keypoints):
+        if not overrides:
+            name = f"{capture.camera_names[0]}_{int(capture.video_frames[0, frame]):05d}_keypoints.json"
+            raise InputError(
+                f"frame {frame} of capture '{capture.name}' has no keypoints and no initial pose; add keypoints of "
+                f"this frame, best in two cameras ({name} and so on), or give its pose with --pose."
+            )
+        start = rest_pose(character.skeleton)
+    if start is None:
+        pose, rms = inverse_kinematics(
+            character, view, keypoints, settings.refiner, where=f"frame {frame} of capture '{capture.name}'"
+        )
+    else:
+        pose = start
+    fixed: list[int] = []
+    if overrides:
+        pose, fixed = apply_overrides(character, pose, overrides)
+    seen = jnp.asarray(stacked_keypoints(keypoints))
+    landmarks = (keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale=0.08),)
+    images = [capture.image(c, frame) for c in views]
+    masks = [capture.mask(c, frame) for c in views]
+    if surface is None:
+        surface = surface_of(character, None, cameras.num_cameras)
+    rectangle = frame_rectangle(
+        np.asarray(skin(character, pose)), cameras, frame, speed=np.full(cameras.num_cameras, 30.0)
+    )
+    cropped = [None if m is None else rectangle.crop(m, c) for c, m in enumerate(masks)]
+    edges = [mask_edges(m) if m is not None else None for m in cropped]
+    problem = build_problem(images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface)
+    if any(e is not None for e in edges):
+        known = [
+            e if e is not None else (np.asarray(problem.edges.mask[c]), np.asarray(problem.edges.gradient[c]))
+            for c, e in enumerate(edges)
+        ]
+        problem = build_problem(
+            images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface, edges=known
+        )
+    pose = fit_to_masks(character, pose, problem, landmarks, settings, fixed)
+    searched = False
+    agreement = _agreement(character, pose, problem, cropped)
+    if np.nanmin(np.append(agreement, 1.0)) < settings.search_below:
+        searched = True
+        solid = jnp.asarray(np.stack([m if m is not None else np.zeros(problem.size) for m in cropped]), jnp.float32)
+        if all(m is not None for m in cropped):
+            found = search_silhouettes(character, pose, problem, solid, key, fixed)
+            found = fit_to_masks(character, found, problem, landmarks, settings, fixed)
+            better = _agreement(character, found, problem, cropped)
+            if np.nanmean(better) > np.nanmean(agreement):
+                pose, agreement = found, better
+    if settings.view_flow and cameras.num_cameras > 1:
+        crops = [rectangle.crop(image, c) for c, image in enumerate(images)]
+        pose = fit_between_views(character, pose, problem, crops, landmarks, settings, fixed)
+        agreement = _agreement(character, pose, problem, cropped)
+    return Registration(frame, pose, agreement, rms, searched)
+
+
+def _agreement(character, pose, problem, masks) -> Float[np.ndarray, "camera"]:
+    _, ids, _ = draw(character, pose, problem)
+    host = np.asarray(ids)
+    return np.array([intersection_over_union(host[c], m) if m is not None else np.nan for c, m in enumerate(masks)])
+
+
+def register(
+    capture: Capture,
+    cameras: Cameras,
+    character: Character,
+    frames: tuple[int, ...] | None = None,
+    *,
+    key: PRNGKeyArray | None = None,
+    overrides: Overrides | None = None,
+    start: Pose | None = None,
+    settings: RegistrationSettings | None = None,
+) -> dict[int, Registration]:
+    """Register the mesh at the selected frames of a capture (Gamma), chosen if it names none, or at `frames`.
+
+    Raises `InputError` when the keypoints and the cameras cannot both be right (another unit, mirrored cameras).
+    """
+    key = jax.random.key(0) if key is None else key
+    if frames is None:
+        frames = capture.selected_frames or choose_frames(capture, cameras).frames
+    if start is None:
+        for finding in check_subject(capture, cameras):
+            if finding.severity == "error":
+                raise InputError(f"capture '{capture.name}': {finding.message}")
+    surface = surface_of(character, None, cameras.num_cameras)
+    return {
+        frame: register_frame(
+            capture,
+            cameras,
+            character,
+            frame,
+            key=jax.random.fold_in(key, frame),
+            surface=surface,
+            start=start,
+            overrides=(overrides or {}).get(frame),
+            settings=settings,
+        )
+        for frame in frames
+    }

@@ -1,0 +1,162 @@
+"""Masks of the person at selected frames that have none, found in turns with the registration (sec. 3.2, where the
+paper draws them by hand)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import jax
+import numpy as np
+from jaxtyping import Bool, PRNGKeyArray
+
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import Capture, choose_frames
+from jaxmocap.character import Character, Pose, skin
+from jaxmocap.observation import (
+    CutSettings,
+    MaskConfidence,
+    cut_person,
+    full_image_ids,
+    mask_confidence,
+    person_prior,
+    standing_still,
+)
+
+from ._fit_silhouette import RegistrationSettings
+from ._pose_file import Overrides
+from ._register import register
+
+
+@dataclass(frozen=True)
+class SegmentationSettings:
+    """At most `rounds` times the body is fitted to the masks and they are cut again, until no mask changes by more than
+    `settled` (1 - intersection over union). `others` frames of each camera tell what stands still. Below `warn_below`
+    confidence a mask is worth a look."""
+
+    rounds: int = 2
+    settled: float = 0.01
+    others: int = 10
+    warn_below: float = 0.5
+    cut: CutSettings = field(default_factory=CutSettings)
+
+
+@dataclass(frozen=True)
+class PersonMask:
+    """A mask of the undistorted image, where it comes from, and how sure it is: None for one that was given."""
+
+    mask: Bool[np.ndarray, "height width"]
+    confidence: MaskConfidence | None
+
+    @property
+    def source(self) -> str:
+        """Given with the capture, or found in the images."""
+        return "given" if self.confidence is None else "found"
+
+
+PersonMasks = dict[int, tuple[PersonMask, ...]]
+"""Frame -> one mask per camera."""
+
+
+def segment_person(
+    capture: Capture,
+    cameras: Cameras,
+    character: Character,
+    frames: Sequence[int] | None = None,
+    *,
+    key: PRNGKeyArray | None = None,
+    overrides: Overrides | None = None,
+    settings: SegmentationSettings | None = None,
+    registration: RegistrationSettings | None = None,
+) -> PersonMasks:
+    """Masks of the person at the selected frames, or at `frames`: the capture's, and found ones where it has none.
+
+    The body is registered from the keypoints; it and they say roughly where the person is; GrabCut by local colours
+    finds the outline (`cut_person`); the body is fitted to it; and so on. A body that is not the person's own will do.
+    `capture.with_masks(masks_of(found))` uses them from then on. Raises `InputError` where registration does.
+    """
+    settings = SegmentationSettings() if settings is None else settings
+    registration = RegistrationSettings() if registration is None else registration
+    key = jax.random.key(0) if key is None else key
+    if frames is None:
+        frames = capture.selected_frames or choose_frames(capture, cameras).frames
+    begin = replace(registration, search_below=0.0)
+    refit = replace(begin, view_flow=0)
+    result: PersonMasks = {}
+    for frame in frames:
+        given = [capture.mask(camera, frame) for camera in range(capture.num_cameras)]
+        if all(mask is not None for mask in given):
+            result[frame] = tuple(PersonMask(mask, None) for mask in given if mask is not None)
+            continue
+
+        def fitted(masks: list, start: Pose | None, settings: RegistrationSettings, frame: int = frame) -> Pose:
+            known = capture.with_masks({frame: masks})
+            found = register(
+                known, cameras, character, (frame,), key=key, overrides=overrides, start=start, settings=settings
+            )
+            return found[frame].pose
+
+        cutter = _Cutter(capture, cameras, character, frame, given, settings)
+        pose = fitted(given, None, begin)
+        masks = cutter.cut(pose)
+        for _ in range(settings.rounds):
+            pose = fitted(masks, pose, refit)
+            last, masks = masks, cutter.cut(pose)
+            if max(_changed(a, b) for a, b in zip(last, masks, strict=True)) <= settings.settled:
+                break
+        result[frame] = cutter.judged(pose, masks)
+    return result
+
+
+def masks_of(found: PersonMasks) -> dict[int, list[Bool[np.ndarray, "height width"]]]:
+    """The masks alone, as `Capture.with_masks` takes them."""
+    return {frame: [person.mask for person in row] for frame, row in found.items()}
+
+
+class _Cutter:
+    """The images of one frame, cut around one pose after another."""
+
+    def __init__(
+        self,
+        capture: Capture,
+        cameras: Cameras,
+        character: Character,
+        frame: int,
+        given: list[Bool[np.ndarray, "height width"] | None],
+        settings: SegmentationSettings,
+    ):
+        self._capture, self._cameras, self._character, self._frame = capture, cameras, character, frame
+        self._given, self._settings = given, settings
+        self._still: dict[int, np.ndarray] = {}
+
+    def _view(self, camera: int, silhouette: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Image, prior, and what stands still, which is worked out once."""
+        image = self._capture.image(camera, self._frame)
+        prior = person_prior(silhouette, self._capture.keypoints(camera, self._frame), self._settings.cut)
+        if camera not in self._still:
+            times = np.linspace(0, self._capture.num_frames - 1, self._settings.others + 1).round().astype(int)
+            others = [self._capture.image(camera, int(t)) for t in np.unique(times) if t != self._frame]
+            self._still[camera] = standing_still(image, prior, others)
+        return image, prior, self._still[camera]
+
+    def _silhouettes(self, pose: Pose) -> list[np.ndarray]:
+        vertices = skin(self._character, pose)
+        return [ids >= 0 for ids in full_image_ids(self._character, vertices, self._cameras, self._frame)]
+
+    def cut(self, pose: Pose) -> list[np.ndarray]:
+        masks = []
+        for camera, (given, silhouette) in enumerate(zip(self._given, self._silhouettes(pose), strict=True)):
+            masks.append(cut_person(*self._view(camera, silhouette), self._settings.cut) if given is None else given)
+        return masks
+
+    def judged(self, pose: Pose, masks: list[np.ndarray]) -> tuple[PersonMask, ...]:
+        judged = []
+        for camera, silhouette in enumerate(self._silhouettes(pose)):
+            mask, sure = masks[camera], None
+            if self._given[camera] is None:
+                image, prior, still = self._view(camera, silhouette)
+                sure = mask_confidence(image, mask, silhouette, prior, still, self._settings.cut)
+            judged.append(PersonMask(mask, sure))
+        return tuple(judged)
+
+
+def _changed(before: np.ndarray, after: np.ndarray) -> float:
+    return 1 - float((before & after).sum()) / max(float((before | after).sum()), 1.0)

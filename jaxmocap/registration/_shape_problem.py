@@ -1,0 +1,178 @@
+"""Body shape, detector offsets and one pose per frame as one least-squares problem."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxmocap._types import Scalar, knob
+from jaxmocap.character import (
+    GIRTHS,
+    LENGTHS,
+    BodyShape,
+    Character,
+    Pose,
+    Skeleton,
+    body_transforms,
+    landmark_positions,
+    retract,
+    scaled,
+)
+from jaxmocap.energies import LandmarkRays, LineResidual, SurfaceLines, bend
+from jaxmocap.refiners import AbstractRefiner, RefineProblem
+
+OFFSETS = {
+    "shoulder": "clavicle", "hip": "pelvis", "nose": "head", "eye": "head", "ear": "head", "toe": "foot", "heel": "foot"
+}  # fmt: skip
+"""Detector points that are another place than our landmark of the name, and the body that carries the difference."""
+
+
+_COUPLED = {"torso": ("shoulders", "hips")} | {name: (name,) for name in GIRTHS if name != "torso"}
+
+
+class ShapePrior(eqx.Module):
+    """Independent Gaussians that keep a fitted body human; logarithms of scales but for `offset` (metres).
+
+    The standard deviations are ours, of the order of the coefficients of variation among adults (Gordon et al., 2012
+    Anthropometric Survey of U.S. Army Personnel, NATICK/TR-15/007, 2014): about 4 % of stature within a sex, 5 % of the
+    lengths of segments and of breadths, 10 % of girths; head, hand and foot (`extremity`) less. The means are the
+    generic character's own proportions; a girth's is `coupling` times its bone's length.
+
+    `offset` lets a detector's points (an annotator's idea of a joint, on the skin) lie elsewhere than the skeleton's
+    landmarks, by the same vector in all frames, mirrored between the sides. `posture` bounds how far spine, neck and
+    collar bones bend, as shares of their limits; `angle` (radians) keeps what no keypoint shows near the start.
+    `widest` standard deviations are never exceeded.
+    """
+
+    height: Scalar = knob(0.06)
+    length: Scalar = knob(0.05)
+    extremity: Scalar = knob(0.03)
+    girth: Scalar = knob(0.10)
+    coupling: Scalar = knob(0.5)
+    offset: Scalar = knob(0.02)
+    posture: Scalar = knob(0.5)
+    angle: Scalar = knob(2.0)
+    widest: Scalar = knob(3.0)
+
+
+class FramesSeen(eqx.Module):
+    """What is seen of the body, each leaf with a leading frame axis; `base` are the poses that increments start from.
+
+    `contours` are points of the mesh tied to the outlines of masks, with the scales of `LineResidual`, or None.
+    """
+
+    base: Pose
+    rays: LandmarkRays
+    contours: tuple[SurfaceLines, Float[Array, "frame row"], Float[Array, "frame row"]] | None = None
+
+
+class Unknowns(eqx.Module):
+    """The solution as named parts."""
+
+    shape: BodyShape
+    offsets: Float[Array, "offset 3"]
+    deltas: Float[Array, "frame dof"]
+
+
+class ShapeProblem(eqx.Module):
+    """Shape and offsets in standard deviations, then 39 numbers per frame: one vector for a refiner."""
+
+    character: Character
+    seen: FramesSeen
+    prior: ShapePrior
+
+    @property
+    def num_shared(self) -> int:
+        """Unknowns that all frames share."""
+        return 1 + len(LENGTHS) + len(GIRTHS) + 3 * len(OFFSETS)
+
+    def start(self) -> Float[Array, "unknown"]:
+        """The generic character in its base poses."""
+        return jnp.zeros(self.num_shared + self.seen.base.angles.shape[0] * 39)
+
+    def unknowns(self, vector: Float[Array, "unknown"]) -> Unknowns:
+        """The vector's parts in metres, radians and logarithms."""
+        prior = self.prior
+        height, lengths, girths, offsets, deltas = jnp.split(
+            vector, np.cumsum([1, len(LENGTHS), len(GIRTHS), 3 * len(OFFSETS)])
+        )
+        least = np.isin(LENGTHS, ("head", "hand", "foot"))
+        lengths = jnp.where(least, prior.extremity, prior.length) * lengths
+        girths = prior.coupling * jnp.matmul(_coupling(), lengths, precision="highest") + prior.girth * girths
+        shape = BodyShape(prior.height * height[0], lengths, girths)
+        return Unknowns(shape, prior.offset * offsets.reshape(-1, 3), deltas.reshape(-1, 39))
+
+    def poses(self, unknowns: Unknowns, character: Character) -> Pose:
+        """The pose of every frame."""
+        return jax.vmap(lambda pose, delta: retract(character.skeleton, pose, delta))(self.seen.base, unknowns.deltas)
+
+    def residual(self, vector: Float[Array, "unknown"]) -> Float[Array, "row"]:
+        """Keypoints, contours and posture of all frames; the priors on the vector itself are left to the refiner."""
+        unknowns = self.unknowns(vector)
+        character = scaled(self.character, unknowns.shape)
+        skeleton = character.skeleton
+        poses = self.poses(unknowns, character)
+
+        def frame(pose: Pose, seen: LandmarkRays) -> tuple[Array, Array]:
+            points = detector_points(skeleton, pose, unknowns.offsets)
+            return seen.of(points), bend(skeleton, pose.angles) / self.prior.posture
+
+        rows = [part.reshape(-1) for part in jax.vmap(frame)(poses, self.seen.rays)]
+        if self.seen.contours is not None:
+            still = jnp.zeros(39)
+            outline = lambda pose, *lines: LineResidual(character, pose, *lines)(still)  # noqa: E731
+            rows.append(jax.vmap(outline)(poses, *self.seen.contours).reshape(-1))
+        return jnp.concatenate(rows)
+
+    def refine_problem(self) -> RefineProblem:
+        """Priors as a box and a pull towards zero; joint limits."""
+        skeleton, base, frames = self.character.skeleton, self.seen.base, self.seen.base.angles.shape[0]
+        far = jnp.full((frames, 6), 20.0)
+        shared = jnp.full(self.num_shared, self.prior.widest)
+        lower = jnp.concatenate([-far, skeleton.lower - base.angles], 1).reshape(-1)
+        upper = jnp.concatenate([far, skeleton.upper - base.angles], 1).reshape(-1)
+        pull = jnp.tile(jnp.concatenate([jnp.full(6, 1e-4), jnp.full(33, self.prior.angle**-2)]), frames)
+        return RefineProblem(
+            residual=self.residual,
+            prior=jnp.zeros(self.num_shared + frames * 39),
+            lower=jnp.concatenate([-shared, lower]),
+            upper=jnp.concatenate([shared, upper]),
+            l1=jnp.asarray(0.0),
+            prior_weight=jnp.concatenate([jnp.ones(self.num_shared), pull]),
+        )
+
+
+@eqx.filter_jit
+def solve(problem: ShapeProblem, start: Float[Array, "unknown"], refiner: AbstractRefiner) -> Float[Array, "unknown"]:
+    """The best vector from a start."""
+    return refiner.refine(problem.refine_problem(), start).value
+
+
+def detector_points(skeleton: Skeleton, pose: Pose, offsets: Float[Array, "offset 3"]) -> Float[Array, "landmark 3"]:
+    """Landmarks where the detector sees them, world, metres; offsets are those of the left side, in the rest frame."""
+    rows, carriers, numbers, mirror = _offset_rows(skeleton)
+    rotations = body_transforms(skeleton, pose)[carriers, :3, :3]
+    shift = jnp.sum(rotations * (mirror * offsets[numbers])[:, None, :], axis=-1)
+    return landmark_positions(skeleton, pose).at[rows].add(shift)
+
+
+def _offset_rows(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Landmark, carrying body, number of the offset and its mirroring, of every landmark that has an offset."""
+    rows = []
+    for number, (point, carrier) in enumerate(OFFSETS.items()):
+        for side, sign in (("l_", 1.0), ("r_", -1.0)) if point != "nose" else (("", 0.0),):
+            body = carrier if carrier in skeleton.body_names else side + carrier
+            rows.append(
+                (skeleton.landmark_names.index(side + point), skeleton.body_names.index(body), number, (sign, 1.0, 1.0))
+            )
+    landmark, body, number, mirror = zip(*rows, strict=True)
+    return np.array(landmark), np.array(body), np.array(number), np.array(mirror, np.float32)
+
+
+def _coupling() -> Float[np.ndarray, "girth length"]:
+    table = np.zeros((len(GIRTHS), len(LENGTHS)), np.float32)
+    for row, name in enumerate(GIRTHS):
+        for bone in _COUPLED[name]:
+            table[row, LENGTHS.index(bone)] = 1 / len(_COUPLED[name])
+    return table

@@ -1,0 +1,390 @@
+"""The sample-based search of sec. 4.1: one group of DoFs at a time, a whole generation of particles per compiled
+call."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from jaxmocap._cache import cached_jit, optimised_jit
+from jaxmocap.character import Character, Pose, retract, simplify
+from jaxmocap.energies import (
+    Base,
+    BodyPart,
+    Region,
+    SearchEnergy,
+    ViewView,
+    body_part,
+    part_jobs,
+    prepare_base,
+    score_particles,
+)
+from jaxmocap.observation import FrameProblem, Surface, simplified_surface
+from jaxmocap.samplers import AbstractSampler, run
+
+REGION_STEP = 64
+
+
+WHOLE = 2 / 3
+"""Share of the rectangle from which on a region is all of it: nothing outside is to be looked at, for few more pixels,
+and like captures share their programs."""
+
+
+_LEAST_FACES = 500
+
+
+ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
+"""Half widths of the box in which the root is searched, metres and radians."""
+
+
+_OUTER = ("shoulder_axial", "elbow", "forearm", "hip_int", "knee", "ankle")
+"""DOFs that move a forearm or a shin and leave the upper arm or the thigh where it is."""
+
+
+POOL = 20
+"""As many particles are drawn for each one that starts further afield; the best ones are taken."""
+
+
+class Mesh(eqx.Module):
+    """A simplified character and its tables."""
+
+    character: Character
+    surface: Surface
+
+
+def simplified_mesh(character: Character, surface: Surface, share: float) -> Mesh:
+    """The mesh with this share of its faces (host)."""
+    simple, nearest = simplify(character, max(round(share * character.faces.shape[0]), _LEAST_FACES))
+    return Mesh(simple, simplified_surface(surface, np.asarray(simple.faces), nearest))
+
+
+class Stage(eqx.Module):
+    """Some iterations at one resolution: every `step`-th pixel of the rectangle, with this energy and the mesh that
+    keeps this share of its faces."""
+
+    energy: SearchEnergy
+    step: int = eqx.field(static=True, default=1)
+    iterations: int = eqx.field(static=True, default=25)
+    faces: float = eqx.field(static=True, default=1.0)
+
+
+class GroupResult(eqx.Module):
+    """`increment (39,)` of the group, the deviation of the last particles (39,), the energy of the answer, and what the
+    static capacities would have had to be."""
+
+    increment: Float[Array, "dof"]
+    deviation: Float[Array, "dof"]
+    energy: Float[Array, ""]
+    needed: Int[Array, "stage"]
+    needed_base: Int[Array, ""]
+    needed_far: Int[Array, ""]
+
+
+class _ParticleEnergy(eqx.Module):
+    """Energy of group increments and their prior, as an array function a sampler can call. A particle whose windows do
+    not fit into the capacity counts as not finite; the capacity is chosen so that this does not happen near the answer.
+    """
+
+    energy: SearchEnergy
+    character: Character
+    part: BodyPart
+    pose: Pose
+    problem: FrameProblem
+    corners: Int[Array, "camera 2"]
+    base: Base
+    spread: Float[Array, "group_dof"]
+    prior: Float[Array, ""]
+    size: tuple[int, int] = eqx.field(static=True)
+    capacity: int = eqx.field(static=True)
+
+    def __call__(self, values: Float[Array, "particle group_dof"]) -> Float[Array, "particle"]:
+        increments = jnp.zeros((values.shape[0], 39)).at[:, self.part.dofs].set(values)
+        region = Region(self.corners, self.size)
+        scores = score_particles(
+            self.energy,
+            self.character,
+            self.part,
+            self.pose,
+            self.problem,
+            region,
+            self.base,
+            increments,
+            self.capacity,
+        )
+        moved = (values / jnp.maximum(self.spread, 1e-6)) ** 2
+        total = scores.total + self.prior * jnp.sum(moved / (1 + moved), axis=1)
+        return jnp.where(scores.needed > self.capacity, jnp.nan, total)
+
+
+@cached_jit
+def particle_boxes(
+    character: Character, part: BodyPart, pose: Pose, problem: FrameProblem, increments: Float[Array, "particle dof"]
+) -> Float[Array, "camera 4"]:
+    """Box (left, top, right, bottom) in the rectangle that holds the part for all increments, per view."""
+
+    def box(delta: Array) -> Array:
+        vertices = part.posed(character, retract(character.skeleton, pose, delta))
+        homogeneous = (
+            jnp.einsum("cij,vj->cvi", problem.projection[:, :, :3], vertices) + problem.projection[:, None, :, 3]
+        )
+        depth = jnp.maximum(homogeneous[..., 2:], 0.05)
+        pixels = homogeneous[..., :2] / depth - problem.origins[:, None, ::-1]
+        return jnp.concatenate([pixels.min(1), pixels.max(1)], -1)
+
+    boxes = jax.lax.map(box, increments)
+    return jnp.concatenate([boxes[..., :2].min(0), boxes[..., 2:].max(0)], -1)
+
+
+def wide_population(
+    key: PRNGKeyArray,
+    count: int,
+    spread: Float[Array, "group_dof"],
+    lower: Float[Array, "group_dof"],
+    upper: Float[Array, "group_dof"],
+    outer: Bool[Array, "group_dof"],
+) -> Float[Array, "extra group_dof"] | None:
+    """First particles for a limb that moves faster than expected, or that was lost. In turn: Gaussian with three times
+    the spread; drawn evenly from the box, not farther than twelve times the spread; and for the `outer` DOFs drawn
+    evenly from all of it but Gaussian for the others, for a forearm or shin that left its place alone."""
+    if count == 0:
+        return None
+    near_key, far_key = jax.random.split(key)
+    normal = spread * jax.random.normal(near_key, (count, spread.shape[0]))
+    low, high = jnp.maximum(lower, -12 * spread), jnp.minimum(upper, 12 * spread)
+    even = jax.random.uniform(far_key, normal.shape)
+    turn = jnp.arange(count)[:, None] % 3
+    anywhere = jnp.where(outer, lower + even * (upper - lower), normal)
+    values = jnp.select([turn == 0, turn == 1], [3.0 * normal, low + even * (high - low)], anywhere)
+    return jnp.clip(values, lower, upper)
+
+
+@optimised_jit
+def _search(
+    wide,
+    prior,
+    stages,
+    meshes,
+    parts,
+    sampler,
+    character,
+    pose,
+    problem,
+    corners,
+    size,
+    capacities,
+    base_capacity,
+    spread,
+    lower,
+    upper,
+    outer,
+    key,
+):
+    dofs = parts[0].dofs
+    energies, needed_base, needed_far, views = [], [], [], []
+    for stage, mesh, drawn, capacity in zip(stages, meshes, parts, capacities, strict=True):
+        coarse = problem.coarser(stage.step)
+        actor = character if mesh is None else mesh.character
+        coarse = coarse if mesh is None else replace(coarse, surface=mesh.surface)
+        region = Region(corners // stage.step, (size[0] // stage.step, size[1] // stage.step))
+        base = prepare_base(stage.energy, actor, drawn, pose, coarse, region, base_capacity)
+        shared = (stage.energy, actor, drawn, pose, coarse, region.corners, base, spread[dofs], prior)
+        energies.append((_ParticleEnergy(*shared, region.size, capacity), stage.iterations))
+        needed_base.append(base.needed)
+        needed_far.append(base.needed_far)
+        views.append((drawn, coarse, region, capacity))
+    start = jnp.zeros(dofs.shape[0])
+    box = (spread[dofs], lower[dofs], upper[dofs])
+    count = int(wide * sampler.num_particles)
+    far = wide_population(jax.random.fold_in(key, 1), POOL * count, *box, outer)
+    best, info = run(sampler, energies, start, *box, key, pool=far, keep=count)
+    increment = jnp.zeros(39).at[dofs].set(best)
+    needed = []
+    for drawn, coarse, region, capacity in views:
+
+        def windows(posed: Array, drawn=drawn, coarse=coarse, region=region, capacity=capacity) -> Array:
+            cameras = jnp.arange(coarse.num_cameras)
+            return jax.lax.map(lambda c: part_jobs(drawn, posed, coarse, c, region, capacity)[0].needed, cameras).max()
+
+        poses = (pose, retract(character.skeleton, pose, increment))
+        needed.append(jax.lax.map(windows, jnp.stack([drawn.posed(character, moved) for moved in poses])).max())
+    return GroupResult(
+        increment=increment,
+        deviation=jnp.zeros(39).at[dofs].set(info.deviation),
+        energy=info.energy,
+        needed=jnp.stack(needed),
+        needed_base=jnp.stack(needed_base).max(),
+        needed_far=jnp.stack(needed_far).max(),
+    )
+
+
+def _power(count: float, least: int = 256) -> int:
+    return max(least, 2 ** int(np.ceil(np.log2(max(count, 1)))))
+
+
+@dataclass
+class Sizes:
+    """Static sizes of a compiled search, which only grow; the two arms share one, and the two legs. Windows are counted
+    by resolution and mesh: (step, share of the faces)."""
+
+    base_capacity: int
+    capacity: dict[tuple[int, float], int] = field(default_factory=dict)
+    far_capacity: int = 1024
+    region: tuple[int, int] = (0, 0)
+
+
+@dataclass
+class GroupSearch:
+    """Searches one group; its sizes are remembered between frames so that they seldom change (host)."""
+
+    name: str
+    dofs: tuple[int, ...]
+    part: BodyPart
+    simple: dict[float, tuple[Mesh, BodyPart]] = field(default_factory=dict)
+    sizes: Sizes = field(default_factory=lambda: Sizes(256))
+    outer: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
+
+    def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
+        """Corners of the region in the rectangle; its size grows in steps until it is the rectangle's."""
+        height, width = problem.size
+        boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
+        extent = (boxes[:, 2:] - boxes[:, :2]).max(0) + 16
+        size = []
+        for axis, full in ((1, height), (0, width)):
+            old = self.sizes.region[1 - axis]
+            need = min(float(extent[axis]), full)
+            size.append(old if need <= old else int(min(-(-need * 1.35 // REGION_STEP) * REGION_STEP, full)))
+        if size[0] * size[1] > WHOLE * height * width:
+            self.sizes.region = (height, width)
+            return np.zeros((len(boxes), 2), np.int32)
+        size = (min(-(-size[0] // 8) * 8, height // 8 * 8), min(-(-size[1] // 8) * 8, width // 8 * 8))
+        self.sizes.region = size
+        centre = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+        top = np.clip(centre[:, 1] - size[0] / 2, 0, height - size[0])
+        left = np.clip(centre[:, 0] - size[1] / 2, 0, width - size[1])
+        return (np.stack([top, left], -1) // 8 * 8).astype(np.int32)
+
+    def __call__(
+        self,
+        stages: tuple[Stage, ...],
+        sampler: AbstractSampler,
+        character: Character,
+        pose: Pose,
+        problem: FrameProblem,
+        spread: Float[np.ndarray, "dof"],
+        key: PRNGKeyArray,
+        wide: float = 0.0,
+        within: float = np.inf,
+        prior: float = 0.0,
+    ) -> GroupResult:
+        """Search the group around `pose`. A capacity that overflows is enlarged and the search run again.
+
+        `wide` is the share of the first particles that look further afield, see `wide_population`. No particle goes
+        further than `within` times the spread. `prior` weighs what a particle pays for leaving the start, see
+        `SearchPlan`.
+        """
+        skeleton = character.skeleton
+        free, angles = np.array(ROOT_REACH, np.float32), np.asarray(pose.angles)
+        lower = np.concatenate([-free, np.asarray(skeleton.lower) - angles])
+        upper = np.concatenate([free, np.asarray(skeleton.upper) - angles])
+        if np.isfinite(within):
+            farthest = within * np.asarray(spread, np.float32)
+            lower, upper = np.maximum(lower, -farthest), np.minimum(upper, farthest)
+        cloud = np.zeros((2 * len(self.dofs) + 1, 39), np.float32)
+        for row, dof in enumerate(self.dofs):
+            reach = (1.7 if wide == 0 else 8.0) * spread[dof]
+            cloud[2 * row, dof] = min(reach, float(upper[dof]))
+            cloud[2 * row + 1, dof] = max(-reach, float(lower[dof]))
+        boxes = np.asarray(particle_boxes(character, self.part, pose, problem, jax.device_put(cloud)))
+        corners = jax.device_put(self.place_region(boxes, problem))
+        sizes = self.sizes
+        levels = [(stage.step, stage.faces) for stage in stages]
+        drawn = [self.simple.get(stage.faces, (None, self.part)) for stage in stages]
+        for level, (_, part) in zip(levels, drawn, strict=True):
+            sizes.capacity.setdefault(level, _power(1.3 * part.faces.shape[1]))
+        while True:
+            sized = tuple(
+                replace(stage, energy=with_far_capacity(stage.energy, sizes.far_capacity)) for stage in stages
+            )
+            result = _search(
+                wide,
+                jnp.float32(prior),
+                sized,
+                tuple(mesh for mesh, _ in drawn),
+                tuple(part for _, part in drawn),
+                sampler,
+                character,
+                pose,
+                problem,
+                corners,
+                sizes.region,
+                tuple(sizes.capacity[level] for level in levels),
+                sizes.base_capacity,
+                jax.device_put(np.asarray(spread, np.float32)),
+                jax.device_put(lower),
+                jax.device_put(upper),
+                self.outer,
+                key,
+            )
+            result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
+            needed_base, needed_far = int(result.needed_base), int(result.needed_far)
+            needed = {level: int(count) for level, count in zip(levels, result.needed, strict=True)}
+            if (
+                all(1.1 * count <= sizes.capacity[level] for level, count in needed.items())
+                and needed_base <= sizes.base_capacity
+                and needed_far <= sizes.far_capacity
+            ):
+                return result
+            for level, count in needed.items():
+                sizes.capacity[level] = max(sizes.capacity[level], _power(1.2 * count))
+            sizes.base_capacity = max(sizes.base_capacity, _power(1.1 * needed_base))
+            sizes.far_capacity = max(sizes.far_capacity, _power(1.1 * needed_far))
+
+
+def with_far_capacity(energy: SearchEnergy, capacity: int) -> SearchEnergy:
+    """The energy with another bound on the list of body pixels scored again outside a limb's region."""
+    return SearchEnergy(
+        tuple(replace(term, capacity=capacity) if isinstance(term, ViewView) else term for term in energy.terms)
+    )
+
+
+Groups = tuple[tuple[str, tuple[int, ...]], ...]
+
+
+def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
+    """The parts of all groups, left and right padded to the same shapes."""
+    plain = {name: body_part(character, dofs) for name, dofs in groups}
+    parts = {}
+    for name, dofs in groups:
+        alike = [plain[other] for other, _ in groups if other.split("_")[-1] == name.split("_")[-1]]
+        faces = max(part.faces.shape[1] for part in alike)
+        parts[name] = body_part(character, dofs, faces, max(part.vertices.shape[0] for part in alike))
+    return parts
+
+
+def group_searches(
+    character: Character, meshes: Mapping[float, Mesh] | None = None, groups: Groups | None = None
+) -> list[GroupSearch]:
+    """One search per group, by default those of the skeleton. `meshes` holds a simplified mesh for every share of the
+    faces that a stage names, except 1."""
+    groups = character.skeleton.groups if groups is None else groups
+    parts = alike_parts(character, groups)
+    simple = {share: (mesh, alike_parts(mesh.character, groups)) for share, mesh in (meshes or {}).items()}
+    shared: dict[str, Sizes] = {}
+    searches = []
+    for name, dofs in groups:
+        sizes = shared.setdefault(name.split("_")[-1], Sizes(_power(1.3 * character.faces.shape[0])))
+        coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
+        outer = jax.device_put(
+            np.array([any(part in character.skeleton.dof_names[dof] for part in _OUTER) for dof in dofs])
+        )
+        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, outer))
+    return searches
+
+
+def is_limb(group: GroupSearch) -> bool:
+    """Whether the group is an arm or a leg, not the root or the torso."""
+    return group.name.split("_")[-1] in ("arm", "leg")

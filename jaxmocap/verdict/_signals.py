@@ -1,0 +1,156 @@
+"""What speaks for and against a frame's answer, measured once it is found; nothing of it steers the search."""
+
+import itertools
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from jaxmocap.character import Character, Pose, Skeleton, skin
+from jaxmocap.observation import FrameImages, FrameProblem, Rectangle
+from jaxmocap.refinement import Comparison, FlowSettings, compare, padded, same_time_sources
+from jaxmocap.search import Seen
+
+_LEAST_PIXELS = 100
+"""Of a body, or a limb's outer half, that two views show, to say something about it."""
+
+
+WIDEST = 45.0
+"""Degrees between two cameras, seen from the body, at which they still show a surface alike enough for optical flow."""
+
+
+@dataclass(frozen=True)
+class FrameSignals:
+    """Per camera, of the pixels the body covers: `costs`, the mean of Eq. 6, and `bare`, the share of those before a
+    known background that look like it; and, as a share of all of them, the pixels beside the body that look foreign,
+    `uncovered`.
+
+    Per ordered pair of cameras, of the pixels whose surface the other camera shows too: `matched`, the share at which
+    both pictures show the same, as far as optical flow can tell; and `view_gaps`, the median distance in metres of what
+    the two show from each other. NaN where they share too little, or stand more than `WIDEST` degrees apart.
+
+    `limb_gaps` is the same for each limb's outer half over all pairs, and `at_limit` the share of the joint angles that
+    are at a limit; `speed` is the root's, in metres per second.
+    """
+
+    costs: Float[np.ndarray, "camera"]
+    bare: Float[np.ndarray, "camera"]
+    uncovered: Float[np.ndarray, "camera"]
+    matched: Float[np.ndarray, "pair"]
+    view_gaps: Float[np.ndarray, "pair"]
+    limb_gaps: Float[np.ndarray, "limb"]
+    at_limit: float
+    speed: float
+
+    def as_json(self) -> dict[str, list[float | None] | float]:
+        """Numbers that JSON knows."""
+        record = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {
+            name: round(float(value), 5)
+            if np.ndim(value) == 0
+            else [round(float(v), 5) if np.isfinite(v) else None for v in value]
+            for name, value in record.items()
+        }
+
+
+def frame_signals(
+    character: Character,
+    pose: Pose,
+    shown: FrameImages,
+    problem: FrameProblem,
+    rectangle: Rectangle,
+    seen: Seen,
+    face_bodies: Int[np.ndarray, "face"],
+    outer_bodies: list[Bool[np.ndarray, "body"]],
+    settings: FlowSettings,
+    speed: float = 0.0,
+) -> FrameSignals:
+    """The signals of a pose that `seen` has drawn."""
+    covered, background = seen.ids >= 0, np.asarray(problem.background)
+    foreign, alike = background > 0.5, background < 0.5  # 0.5 where nothing is known
+    gaps, matched, limbs = _between_views(
+        character, pose, shown, problem, rectangle, seen, face_bodies, outer_bodies, settings
+    )
+    return FrameSignals(
+        np.array([c[b].mean() if b.any() else 1.0 for c, b in zip(seen.costs, covered, strict=True)]),
+        _blobs(alike & covered, covered, (alike | foreign) & covered),
+        _blobs(foreign & ~covered, covered, covered),
+        matched,
+        gaps,
+        limbs,
+        _share_at_limit(character.skeleton, pose),
+        speed,
+    )
+
+
+def _blobs(
+    marked: Bool[np.ndarray, "camera height width"],
+    covered: Bool[np.ndarray, "camera height width"],
+    whole: Bool[np.ndarray, "camera height width"],
+) -> Float[np.ndarray, "camera"]:
+    """The marked pixels of each view as a share of `whole`, 0 where that is little; thin seams do not count."""
+    shares = []
+    for here, body, of in zip(marked, covered, whole, strict=True):
+        width = 2 * round(0.05 * np.sqrt(body.sum()) / 2) + 1
+        opened = cv2.morphologyEx(here.astype(np.uint8), cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
+        shares.append(opened.sum() / of.sum() if of.sum() >= _LEAST_PIXELS else 0.0)
+    return np.array(shares, float)
+
+
+def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies, outer_bodies, settings):
+    """`view_gaps`, `matched` and `limb_gaps`."""
+    vertices = skin(character, pose)
+    crops: list[UInt8[np.ndarray, "height width 3"]] = [rectangle.crop(im, c) for c, im in enumerate(shown.images)]
+    pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
+    views = same_time_sources(pictures, problem, vertices, seen.ids)
+    middle = np.append(np.asarray(vertices).mean(0), 1.0)
+    cam_from_world = np.asarray(problem.cam_from_world)
+    angles = view_angles(cam_from_world, middle[:3])
+    greys = [cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY) for crop in crops]
+
+    def compared(pair: tuple[int, int]) -> Comparison | None:
+        m, n = pair
+        if angles[m, n] > WIDEST:
+            return None
+        return compare(character, vertices, seen.ids[m], greys[m], m, problem, views[n], settings)
+
+    pairs = list(itertools.permutations(range(problem.num_cameras), 2))
+    gaps, matched = [], []
+    limbs: list[list[np.ndarray]] = [[np.zeros(0)] for _ in outer_bodies]
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        comparisons = list(pool.map(compared, pairs))
+    for (m, _), found in zip(pairs, comparisons, strict=True):
+        if found is None:
+            gaps.append(np.nan)
+            matched.append(np.nan)
+            continue
+        metres = float((cam_from_world[m] @ middle)[2]) / float(np.asarray(problem.intrinsics)[m, 0, 0])
+        distances = metres * np.linalg.norm(found.moved[found.good], axis=1)
+        bodies = face_bodies[seen.ids[m][found.good]]
+        shared = found.seen.sum()
+        gaps.append(_median(distances))
+        matched.append(found.good.sum() / shared if shared >= _LEAST_PIXELS else np.nan)
+        for limb, outer in zip(limbs, outer_bodies, strict=True):
+            limb.append(distances[outer[bodies]])
+    medians = [_median(np.concatenate(limb)) for limb in limbs]
+    return np.array(gaps, float), np.array(matched, float), np.array(medians, float)
+
+
+def view_angles(
+    cam_from_world: Float[np.ndarray, "camera 4 4"], point: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "camera camera"]:
+    """Degrees between the directions in which two cameras stand, seen from a point."""
+    centres = -np.einsum("cji,cj->ci", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
+    towards = (centres - point) / np.linalg.norm(centres - point, axis=1, keepdims=True)
+    return np.degrees(np.arccos(np.clip(towards @ towards.T, -1.0, 1.0)))
+
+
+def _median(values: Float[np.ndarray, " pixel"]) -> float:
+    return float(np.median(values)) if len(values) >= _LEAST_PIXELS else float("nan")
+
+
+def _share_at_limit(skeleton: Skeleton, pose: Pose, margin: float = 0.0175) -> float:
+    angles, lower, upper = (np.asarray(a) for a in (pose.angles, skeleton.lower, skeleton.upper))
+    return float(((angles < lower + margin) | (angles > upper - margin)).mean())

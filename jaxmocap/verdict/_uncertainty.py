@@ -1,0 +1,98 @@
+"""How far each joint may be from the truth: a covariance from the refinement's J^T J and the last particles."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxmocap._cache import cached_jit
+from jaxmocap.character import Pose, Skeleton, landmark_positions, retract
+
+from ._frame_result import FrameResult
+
+
+class UncertaintySettings(NamedTuple):
+    """How J^T J and particles become a covariance; not in the paper. `correlated` is the number of rows of the
+    refinement that tell as much as one, for neighbouring points of a contour err alike; `free_root` (metres, radians)
+    and `free_angle` (radians) are the deviations of what nothing tells; `particles` scales the deviation of the last
+    particles. All deviations are then multiplied by `scale`, and by 1 + `doubt` where a joint has no confidence;
+    `floor` is a deviation in metres that every joint has, of the skeleton itself.
+
+    `scale`, `doubt` and `floor` are those of greatest likelihood on one capture of a dancer with known truth. Errors
+    have heavier tails than any normal distribution, a limb is right or mistaken: the region of 90 % then holds 90 %,
+    that of 50 % more and that of 99 % less. `benchmarks/uncertainty.py` measures it on any capture."""
+
+    correlated: float = 30.0
+    free_root: float = 0.3
+    free_angle: float = 0.8
+    particles: float = 1.0
+    scale: float = 0.3
+    doubt: float = 6.0
+    floor: float = 0.006
+
+
+def joint_covariances(
+    skeleton: Skeleton, results: Sequence[FrameResult], settings: UncertaintySettings | None = None
+) -> Float[np.ndarray, "frame landmark 3 3"]:
+    """Covariance of every landmark in every frame, square metres, world axes: first order around the pose.
+
+    What the pictures do not tell, an arm behind the body, keeps the deviation it has when free. A frame at which the
+    tracking began takes the J^T J of a frame next to it; one that was passed over has none.
+    """
+    settings = UncertaintySettings() if settings is None else settings
+    hessians = _hessians(results)
+    deviations = np.stack([np.asarray(result.deviation, np.float32) for result in results])
+    poses = Pose(
+        jax.device_put(np.stack([r.pose.root for r in results])),
+        jax.device_put(np.stack([r.pose.angles for r in results])),
+    )
+    found = np.asarray(_covariances(skeleton, poses, jax.device_put(hessians), jax.device_put(deviations), settings))
+    doubt = 1 - np.stack([np.asarray(result.confidence, np.float32) for result in results])
+    factor = settings.scale * (1 + settings.doubt * doubt)
+    return factor[..., None, None] ** 2 * found + settings.floor**2 * np.eye(3, dtype=np.float32)
+
+
+def mean_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float[np.ndarray, "frame"] | None:
+    """Standard deviation of a joint's place, mean over the landmarks, metres, whatever the confidence; None where
+    nothing was refined, which would have told it."""
+    if all(result.hessian is None for result in results):
+        return None
+    settings = UncertaintySettings(doubt=0.0)
+    variances = np.trace(joint_covariances(skeleton, results, settings), axis1=-2, axis2=-1)
+    return np.sqrt(variances).mean(axis=1, dtype=float)
+
+
+def _hessians(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame dof dof"]:
+    """J^T J of every frame; that of a neighbour where a frame was looked at but not refined."""
+    nothing = np.zeros((39, 39), np.float32)
+    own = [h if h is None or np.isfinite(h).all() else None for h in (result.hessian for result in results)]
+    found = []
+    for index, (result, hessian) in enumerate(zip(results, own, strict=True)):
+        beside = [own[n] for n in (index + 1, index - 1) if 0 <= n < len(own) and own[n] is not None]
+        if hessian is None and result.energy and beside:
+            hessian = beside[0]
+        found.append(nothing if hessian is None else np.asarray(hessian, np.float32))
+    return np.stack(found)
+
+
+@cached_jit
+def _covariances(
+    skeleton: Skeleton,
+    poses: Pose,
+    hessians: Float[Array, "frame dof dof"],
+    deviations: Float[Array, "frame dof"],
+    settings: UncertaintySettings,
+) -> Float[Array, "frame landmark 3 3"]:
+    free = jnp.concatenate([jnp.full(6, settings.free_root), jnp.full(33, settings.free_angle)])
+
+    def one(pose: Pose, hessian: Array, deviation: Array) -> Array:
+        scaled = free[:, None] * hessian * free[None, :] / settings.correlated
+        inverse = jnp.linalg.inv(scaled + jnp.eye(39))
+        covariance = free[:, None] * inverse * free[None, :] + jnp.diag((settings.particles * deviation) ** 2)
+        moves = jax.jacfwd(lambda step: landmark_positions(skeleton, retract(skeleton, pose, step)))(jnp.zeros(39))
+        return jnp.einsum("jad,de,jbe->jab", moves, 0.5 * (covariance + covariance.T), moves, precision="highest")
+
+    return jax.lax.map(lambda args: one(*args), (poses, hessians, deviations))

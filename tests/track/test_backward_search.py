@@ -1,0 +1,113 @@
+"""A limb lost in one frame and seen in the next is found by looking back."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from perturbed import arm_away, vertex_errors
+
+from jaxmocap._runtime import Clock
+from jaxmocap.character import difference, retract, with_limb
+from jaxmocap.energies import search_energy
+from jaxmocap.search import BodySearch, Effort, SearchPlan
+from jaxmocap.track import BackwardSearch, FrameTracker, Tracker
+from jaxmocap.track._backward_search import doubtful_run
+from jaxmocap.verdict import limb_deviation
+
+LOST = 1
+
+
+@pytest.mark.parametrize(
+    ("costs", "run"),
+    [
+        ([0.2, 0.7, 0.6, 0.3], 2),
+        ([0.7, 0.2, 0.6, 0.3], 1),
+        ([0.7, 0.7, 0.7, 0.65], 0),
+        ([0.2, 0.4, 0.4, 0.1], 0),
+        ([0.2, np.nan, 0.7, 0.3], 1),
+        ([0.2, 0.7, np.nan], 0),
+    ],
+)
+def test_only_frames_clearly_worse_than_the_last_are_doubtful(costs, run):
+    assert doubtful_run(np.array(costs), BackwardSearch(foreign=0.5, better=0.1)) == run
+
+
+def test_a_limb_is_moved_part_of_the_way(world):
+    arm = world.character.skeleton.group("l_arm")
+    here, there = world.pose(0), world.pose(2)
+    index = np.array(arm) - 6
+    halfway = with_limb(here, there, arm, 0.5)
+    expected = np.array(here.angles)
+    expected[index] = 0.5 * (np.asarray(here.angles) + np.asarray(there.angles))[index]
+    np.testing.assert_allclose(halfway.angles, expected, atol=1e-6)
+    np.testing.assert_array_equal(halfway.root, here.root)
+
+
+def looked_back(world, poses, settings=BackwardSearch()):
+    """A tracker that has found these poses in the three frames, and what it says on looking back."""
+    energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
+    plan = SearchPlan((Effort(2, 12),), particles=64)
+    tracker = FrameTracker(
+        world.observations(), Tracker(energy, plan, refine=None, backward_search=settings), jax.random.key(0)
+    )
+    found = []
+    for frame, pose in enumerate(poses):
+        shown, rectangle = world.shown(frame), world.rectangle(frame)
+        found.append(
+            tracker._finish(shown, world.problem(frame), rectangle, pose, np.zeros(39), None, Clock())
+        )  # fmt: skip
+    return tracker, found, tracker.search_backwards()
+
+
+@pytest.mark.slow
+def test_a_lost_arm_is_found_from_the_frame_after(world):
+    poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
+    tracker, found, revised = looked_back(world, poses)
+    assert [result.frame for result in revised] == [LOST]
+    assert found[-1].seconds["backward search"] > 0
+    arm = next(group for group in tracker.search.groups if group.name == "l_arm")
+    vertices = np.unique(np.asarray(world.character.faces)[np.asarray(arm.part.moves)])
+    before, after = (vertex_errors(world, LOST, pose)[vertices].mean() for pose in (poses[LOST], revised[0].pose))
+    assert before > 0.1
+    assert after < 0.02
+    wrist = list(world.character.skeleton.landmark_names).index("l_wrist")
+    assert revised[0].confidence[wrist] > found[LOST].confidence[wrist] + 0.2
+    moved = difference(world.character.skeleton, revised[0].pose, poses[2])
+    np.testing.assert_allclose(tracker.history.increments[-1], moved, atol=1e-6)
+    assert tracker.search_backwards() == []
+
+
+def test_a_limb_is_compared_with_halfway_and_not_with_where_the_body_went(world):
+    skeleton = world.character.skeleton
+    arm, leg = skeleton.group("l_arm"), skeleton.group("l_leg")
+    poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
+    far, middle = limb_deviation(skeleton, *poses, arm)
+    assert far > 0.3
+    assert limb_deviation(skeleton, poses[0], middle, poses[2], arm)[0] < 1e-3
+    assert limb_deviation(skeleton, *poses, leg)[0] < 0.02
+    shift = jnp.zeros(39).at[0].set(0.5)
+    jumped = retract(skeleton, poses[1], shift)
+    assert limb_deviation(skeleton, poses[0], jumped, poses[2], leg)[0] < 0.02
+
+
+def test_an_arm_that_left_its_way_for_a_frame_is_searched_from_halfway(world):
+    """All three frames look alike in cost, so that only the way tells."""
+    poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
+    _, _, revised = looked_back(world, poses, BackwardSearch(foreign=2.0))
+    assert [result.frame for result in revised] == [LOST]
+    assert vertex_errors(world, LOST, revised[0].pose).mean() < 0.01
+    assert looked_back(world, poses, BackwardSearch(foreign=2.0, deviation=9.0))[2] == []
+    assert looked_back(world, poses, BackwardSearch(foreign=2.0, acceleration_limit=1e5))[2] == []
+
+
+def test_an_answer_that_hides_the_limb_does_not_count(world, monkeypatch):
+    poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
+    monkeypatch.setattr(BodySearch, "shares", lambda self, pose, problem: np.full(4, float(pose is poses[LOST])))
+    assert looked_back(world, poses, BackwardSearch(foreign=2.0))[2] == []
+    assert looked_back(world, poses, BackwardSearch(foreign=2.0, hidden=0.0))[2] != []
+
+
+def test_nothing_is_changed_where_nothing_is_doubtful(world):
+    tracker, _, revised = looked_back(world, [world.pose(frame) for frame in range(3)])
+    assert revised == []
+    np.testing.assert_array_equal(tracker.history.pose.angles, world.pose(2).angles)

@@ -1,0 +1,244 @@
+"""What tells a right answer from a wrong one, and which frames are not trusted in the end."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import jax
+import numpy as np
+import pytest
+from perturbed import arm_away, moved
+
+from jaxmocap._cli._track import NOT_TRUSTED, report_trust
+from jaxmocap.character import dominant_bodies, outer_halves
+from jaxmocap.refinement import FlowSettings
+from jaxmocap.search import look_at
+from jaxmocap.track import FrameTracker, Tracker
+from jaxmocap.track._sequence import motion_of
+from jaxmocap.verdict import FrameSignals, VerdictSettings, doubts, frame_signals, outlier_cameras, with_doubts
+from jaxmocap.verdict._doubts import APART, OUTLINE, REGISTERED, UNEXPLAINED, UNTOLD
+from jaxmocap.verdict._outlier_camera import contradicted
+from jaxmocap.verdict._signals import view_angles
+
+FRAME = 1
+SETTINGS = VerdictSettings(steady=3)
+
+
+@pytest.fixture(scope="module")
+def true_result(world):
+    tracker = FrameTracker(world.observations(), Tracker(search=None, refine=None), jax.random.key(0))
+    return tracker.first(world.shown(FRAME), world.pose(FRAME))
+
+
+def signals(world, pose, shown=None) -> FrameSignals:
+    character, problem = world.character, world.problem(FRAME)
+    return frame_signals(
+        *(character, pose, shown or world.shown(FRAME), problem, world.rectangle(FRAME)),
+        *(look_at(character, pose, problem), dominant_bodies(character), outer_halves(character), FlowSettings()),
+    )
+
+
+def test_at_the_truth_both_views_show_the_same(world):
+    found = signals(world, world.pose(FRAME))
+    assert found.view_gaps.shape == found.matched.shape == (2,)
+    assert found.view_gaps.max() < 0.005
+    assert found.matched.min() > 0.4
+    assert max(found.bare.max(), found.uncovered.max()) < 0.06
+    assert np.nanmax(found.limb_gaps) < 0.01
+
+
+def test_the_gap_between_views_grows_with_the_distance_from_the_truth(world):
+    """Two views 27 degrees apart: a body that is d aside in depth is off by a part of d in what they share."""
+    gaps = [signals(world, moved(world, FRAME, root_tz=metres)).view_gaps.max() for metres in (0.0, 0.02, 0.04)]
+    assert gaps[0] < 0.5 * gaps[1] < gaps[1] < gaps[2]
+
+
+def test_pictures_of_different_bodies_are_not_matched(world):
+    """The second camera shows its picture upside down: nothing on the body is the same."""
+    shown, right = world.shown(FRAME), signals(world, world.pose(FRAME))
+    rectangle = world.rectangle(FRAME)
+    turned = shown.images[1].copy()
+    window = rectangle.window(1)
+    turned[window] = turned[window][::-1, ::-1]
+    wrong = signals(world, world.pose(FRAME), shown._replace(images=[shown.images[0], turned]))
+    assert wrong.matched.max() < 0.5 * right.matched.min()
+
+
+def test_angles_between_views_are_seen_from_the_body():
+    """Cameras at 0, 30 and 90 degrees around a point, at different distances."""
+    poses = []
+    for degrees, distance in ((0, 2.0), (30, 3.0), (90, 5.0)):
+        pose, angle = np.eye(4), np.radians(degrees)
+        pose[:3, 3] = -(np.array([1.0, 2.0, 3.0]) + distance * np.array([np.sin(angle), 0, np.cos(angle)]))
+        poses.append(pose)
+    found = view_angles(np.stack(poses), np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(found, [[0, 30, 90], [30, 0, 60], [90, 60, 0]], atol=1e-4)
+
+
+def test_a_body_beside_the_person_covers_background(world):
+    right, wrong = signals(world, world.pose(FRAME)), signals(world, moved(world, FRAME, root_tx=0.3))
+    assert right.bare.max() < 0.06 < 0.2 < wrong.bare.max()
+    assert right.uncovered.max() < 0.06 < 0.2 < wrong.uncovered.max()
+    arm = signals(world, arm_away(world, FRAME))
+    assert right.bare.max() < arm.bare.max() < wrong.bare.max()
+
+
+def frames(result, count, **changed):
+    """Many frames like one, with signals changed in some: name -> {frame: value}."""
+    made = []
+    for frame in range(count):
+        values = {name: at[frame] for name, at in changed.items() if frame in at}
+        status = values.pop("status", "ok")
+        found = {name: np.full_like(getattr(result.signals, name), value) for name, value in values.items()}
+        signals = replace(result.signals, **found)
+        made.append(replace(result, frame=frame, status=status, signals=signals))
+    return made
+
+
+def told(results, registered=()):
+    return [(doubt.first, doubt.last, doubt.why) for doubt in doubts(results, SETTINGS, registered)]
+
+
+def test_right_frames_are_trusted(true_result):
+    assert told(frames(true_result, 6)) == []
+
+
+def test_every_reason_has_its_frames(true_result):
+    far, foreign = 1.1 * SETTINGS.view_gap, 1.1 * SETTINGS.outline
+    results = frames(
+        true_result,
+        30,
+        view_gaps=dict.fromkeys(range(4, 8), far),
+        matched=dict.fromkeys((11, 12), 0.9 * SETTINGS.matched),
+        bare=dict.fromkeys((20, 21), foreign),
+        status={25: "doubtful"},
+    )
+    assert told(results) == [(4, 7, APART), (11, 12, APART), (20, 21, OUTLINE), (25, 25, UNEXPLAINED)]
+
+
+def test_one_frame_of_many_is_chance(true_result):
+    far = 1.1 * SETTINGS.view_gap
+    assert told(frames(true_result, 9, view_gaps={4: far})) == []
+    assert told(frames(true_result, 20, view_gaps=dict.fromkeys((4, 6), far))) == [(5, 5, APART)]
+
+
+def views(result, apart, cameras=3, status="ok", unknown=(), **changed):
+    """Frames that several cameras show: those in `apart` show the body elsewhere than all others, which agree unless
+    they are of different `apart`; what is `unknown` is seen with no other. Signals per camera are given by name."""
+    side = {camera: number for number, group in enumerate(apart, 1) for camera in group}
+    pairs = list(permutations(range(cameras), 2))
+    gaps = [0.0 if side.get(m, 0) == side.get(n, 0) else 2 * SETTINGS.view_gap for m, n in pairs]
+    matched = [np.nan if m in unknown or n in unknown else 1.0 for m, n in pairs]
+    each = {name: np.array(changed.get(name, [0.0] * cameras)) for name in ("costs", "bare", "uncovered")}
+    signals = replace(
+        result.signals, **each, view_gaps=np.array(gaps), matched=np.array(matched), speed=changed.get("speed", 0.0)
+    )
+    return [replace(result, frame=frame, signals=signals, status=status) for frame in range(5)]
+
+
+def odd(results):
+    return [(one.camera, one.first, one.last) for one in outlier_cameras(results, SETTINGS, "abcd")]
+
+
+@pytest.mark.parametrize("camera", [0, 1, 2])
+def test_a_camera_that_two_others_contradict_has_no_say(true_result, camera):
+    costs, uncovered = np.eye(3)[camera], 0.9 * np.eye(3)[camera]
+    results = views(true_result, [[camera]], status="doubtful", costs=costs, uncovered=uncovered, bare=uncovered)
+    assert told(results) == []
+    assert odd(results) == [("abc"[camera], 0, 4)]
+    assert [one.status for one in with_doubts(results, doubts(results, SETTINGS), SETTINGS)] == ["ok"] * 5
+
+
+def test_what_the_other_cameras_say_still_counts(true_result):
+    cases = ({"uncovered": [0, 0, 0.9]}, {"bare": [0, 0, 0.9]}, {"costs": [0, 0, 0.9]}, {"speed": 99.0})
+    for changed, reasons in zip(cases, ({OUTLINE, UNEXPLAINED}, {OUTLINE}, {UNEXPLAINED}, {UNEXPLAINED}), strict=True):
+        results = views(true_result, [[1]], status="ok" if "bare" in changed else "doubtful", **changed)
+        assert {why for _, _, why in told(results)} == reasons, changed
+
+
+def test_no_camera_is_odd_where_none_agree_or_as_many_do_on_either_side(true_result):
+    for apart, cameras in (([[0], [1]], 3), ([[1]], 2), ([[0, 1]], 4)):
+        results = views(true_result, apart, cameras)
+        assert odd(results) == []
+        assert told(results) == [(0, 4, APART)]
+
+
+def test_a_camera_too_far_from_all_others_is_heard(true_result):
+    results = views(true_result, [], uncovered=[0, 0, 0.9], status="doubtful", unknown=[2])
+    assert odd(results) == []
+    assert {why for _, _, why in told(results)} == {OUTLINE, UNEXPLAINED}
+
+
+def test_a_frame_that_was_not_looked_at_between_frames_with_an_odd_camera_stays_doubtful(true_result):
+    results = views(true_result, [[1]])
+    results[2] = replace(results[2], energy={}, signals=None, status="doubtful")
+    found = doubts(results, SETTINGS)
+    assert [one.status for one in with_doubts(results, found, SETTINGS)] == ["ok", "ok", "doubtful", "ok", "ok"]
+
+
+def test_two_cameras_are_always_heard(true_result):
+    """Of five cameras others agree in every frame; each is alone in three of five frames."""
+    results = [views(true_result, [[c] for c in range(5) if c not in (f, (f + 1) % 5)], 5)[f] for f in (0, 2, 4, 1, 3)]
+    results = [replace(result, frame=frame) for frame, result in enumerate(results)]
+    inlier = ~contradicted(results, SETTINGS)
+    assert (inlier.sum(1) >= 2).all()
+    assert np.isfinite([d.first for d in doubts(results, SETTINGS)]).all()
+
+
+def test_a_camera_that_is_odd_for_a_frame_is_chance(true_result):
+    right, wrong = views(true_result, []), views(true_result, [[1]])
+    assert odd([*right[:2], wrong[2], *right[3:]]) == []
+    assert odd([*wrong[:2], right[2], *wrong[3:]]) == [("b", 0, 4)]
+
+
+def test_background_covered_and_person_uncovered_count_alike_and_as_the_mean_over_views(true_result):
+    signals = replace(true_result.signals, bare=np.array([0.8, 0.0]), uncovered=np.array([0.0, 1.0]))
+    for factor, expected in ((0.9, []), (1.1, [(0, 2, OUTLINE)])):
+        scale = factor * SETTINGS.outline / 0.9
+        some = replace(signals, bare=scale * signals.bare, uncovered=scale * signals.uncovered)
+        assert told([replace(true_result, frame=frame, signals=some) for frame in range(3)]) == expected
+
+
+def test_where_little_is_known_of_the_joints_the_frame_is_doubtful_but_its_pixels_are_not(true_result):
+    results = frames(true_result, 6, bare={4: 1.0, 5: 1.0})
+    known, unknown = 0.9 * SETTINGS.joint_deviation, 1.1 * SETTINGS.joint_deviation
+    assert doubts(results, SETTINGS, deviations=np.full(6, known)) == doubts(results, SETTINGS)
+    found = doubts(results, SETTINGS, deviations=np.array([known, known, unknown, unknown, unknown, unknown]))
+    assert [(doubt.first, doubt.last, doubt.why) for doubt in found] == [(2, 5, UNTOLD), (4, 5, OUTLINE)]
+    judged = with_doubts(results, found, SETTINGS)
+    assert [one.status for one in judged] == ["ok", "ok", *["doubtful"] * 4]
+    np.testing.assert_array_equal(judged[3].confidence, results[3].confidence)
+    assert judged[4].confidence.max() <= SETTINGS.confidence
+
+
+def test_where_the_selected_frames_are_wrong_all_are(true_result):
+    results = frames(true_result, 10, view_gaps=dict.fromkeys(range(3), 1.0))
+    assert told(results) == [(0, 2, APART)]
+    assert told(results, registered=(1, 20)) == [(0, 2, APART), (3, 9, REGISTERED)]
+    assert told(results, registered=(1, 6)) == [(0, 2, APART), (3, 9, REGISTERED)]
+    assert told(results, registered=(1, 6, 8)) == told(results, registered=(6,)) == [(0, 2, APART)]
+
+
+def test_what_was_not_looked_at_says_nothing(true_result):
+    over = replace(true_result, energy={}, signals=None, status="doubtful", frame=3)
+    results = [*frames(true_result, 3), over, replace(true_result, frame=4)]
+    assert told(results) == []
+
+
+def test_the_motion_carries_the_verdict(world, true_result, capsys):
+    observations = world.observations()
+    observations.key_poses = {0: observations.key_poses[0]}
+    results = frames(true_result, 3, bare=dict.fromkeys((1, 2), 1.0))
+    motion = motion_of(observations, results, verdict=SETTINGS)
+    assert motion.status.tolist() == ["ok", "doubtful", "doubtful"]
+    assert motion.trusted.tolist() == [True, False, False]
+    assert motion.confidence[1:].max() <= SETTINGS.confidence < motion.confidence[0].max()
+    assert motion.provenance["doubts"] == [{"first": 1, "last": 2, "why": OUTLINE}]
+    assert report_trust(motion) == NOT_TRUSTED
+    assert f"frames 1-2: {OUTLINE}" in " ".join(capsys.readouterr().err.split())
+    assert motion.provenance["outlier_cameras"] == []
+    odd = {"camera": "cam1", "first": 0, "last": 2, "why": "it stood still"}
+    report_trust(replace(motion, provenance=motion.provenance | {"outlier_cameras": [odd]}))
+    assert "cam1 is left out of the verdict in frames 0-2: it stood still." in " ".join(capsys.readouterr().err.split())
+    good = motion_of(world.observations(), frames(true_result, 3))
+    assert good.trusted.all()
+    assert report_trust(good) == 0

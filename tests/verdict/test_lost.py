@@ -1,0 +1,81 @@
+"""A limb or the whole person that is lost: noticed, marked, listed, and found again."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from perturbed import arm_away, moved, vertex_errors
+
+from jaxmocap.energies import search_energy
+from jaxmocap.search import Effort, SearchPlan
+from jaxmocap.track import FrameTracker, Tracker
+from jaxmocap.track._sequence import motion_of
+from jaxmocap.verdict import LostSpan, VerdictSettings, lost_spans, without_trust
+from jaxmocap.verdict._lost import FOREIGN, HIDDEN, JUMPING, LOST
+
+ENERGY = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
+PLAN = SearchPlan((Effort(2, 12),), particles=64)
+SETTINGS = VerdictSettings()
+
+
+@pytest.fixture(scope="module")
+def true_results(world):
+    tracker = FrameTracker(world.observations(), Tracker(search=None, refine=None), jax.random.key(0))
+    return [tracker.first(world.shown(frame), world.pose(frame)) for frame in range(3)]
+
+
+def spans(world, results):
+    return lost_spans(results, world.character, 30.0, SETTINGS)
+
+
+def test_the_truth_is_not_lost(world, true_results):
+    assert spans(world, true_results) == []
+    assert min(result.limb_seen.min() for result in true_results) > 0.8
+
+
+def test_every_reason_has_its_span(world, true_results):
+    hidden = replace(true_results[1], limb_seen=np.array([1.0, 0.1, 1.0, 1.0]))
+    foreign = replace(true_results[2], limb_costs=np.array([0.2, 0.2, 0.9, np.nan]))
+    found = spans(world, [true_results[0], hidden, foreign])
+    assert found == [LostSpan("right arm", 1, 1, HIDDEN), LostSpan("left leg", 2, 2, FOREIGN)]
+    jumped = replace(true_results[1], pose=arm_away(world, 1))
+    assert spans(world, [true_results[0], jumped, true_results[2]]) == [LostSpan("left arm", 1, 1, JUMPING)]
+    gone = [replace(result, status="lost", limb_seen=np.zeros(4)) for result in true_results[1:]]
+    assert spans(world, [true_results[0], *gone]) == [LostSpan("body", 1, 2, LOST)]
+
+
+def test_lost_parts_have_no_confidence_and_others_keep_theirs(world, true_results):
+    marked = without_trust(true_results, [LostSpan("left arm", 1, 1, HIDDEN)], world.character)
+    names = np.array(world.character.skeleton.landmark_names)
+    arm = np.isin(names, ["l_elbow", "l_wrist"])
+    assert (marked[1].confidence[arm] == 0).all()
+    others = np.isin(names, ["r_wrist", "l_knee", "head"])
+    np.testing.assert_array_equal(marked[1].confidence[others], true_results[1].confidence[others])
+    assert true_results[1].confidence[arm].min() > 0
+    np.testing.assert_array_equal(marked[0].confidence, true_results[0].confidence)
+
+
+def test_spans_of_a_motion_count_as_its_frames_do(world, true_results):
+    """The videos were started at different times: the capture's first frame is the first video's fourth."""
+    observations, videos = world.observations(), world.capture.indices
+    longer = replace(videos[0], pts=np.arange(7), seconds=np.arange(7) / 30)
+    later = world.capture.video_frames + np.array([[4], [0]])
+    observations.capture = replace(world.capture, indices=(longer, *videos[1:]), video_frames=later)
+    hidden = replace(true_results[1], limb_seen=np.array([1.0, 0.1, 1.0, 1.0]))
+    motion = motion_of(observations, [true_results[0], hidden, true_results[2]])
+    assert motion.frames.tolist() == [4, 5, 6]
+    assert [(span["first"], span["last"]) for span in motion.provenance["lost"]] == [(5, 5)]
+    assert (motion.confidence.min(axis=1) == 0).tolist() == [False, True, False]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("times", [0, 3])
+def test_a_person_who_was_lost_is_looked_for_further_afield(world, times):
+    """The search's own reach is a few centimetres; from 60 cm aside only far particles lead back."""
+    tracker = Tracker(ENERGY, replace(PLAN, relocalise=times), refine=None, flow_start=False)
+    worker = FrameTracker(world.observations(), tracker, jax.random.key(0))
+    first = worker.first(world.shown(1), moved(world, 1, root_tx=0.6))
+    assert first.status == "lost"
+    error = vertex_errors(world, 2, worker.track(world.shown(2)).pose).mean()
+    assert error < 0.05 if times else error > 0.1
