@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,7 @@ def unit_of(path: Path) -> str:
     return first.removesuffix(".py")
 
 
+@cache
 def imported(path: Path) -> list[tuple[int, str]]:
     """Line and absolute name of everything a file imports, inside functions too, with relative imports resolved."""
     parts = ("jaxmocap", *path.relative_to(PACKAGE).parts[:-1])
@@ -78,25 +80,31 @@ def imported(path: Path) -> list[tuple[int, str]]:
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 
-@pytest.mark.parametrize("path", FILES, ids=[str(path.relative_to(PACKAGE)) for path in FILES])
-def test_imports_go_down_the_rows_and_leave_private_modules_of_others_alone(path):
-    unit = unit_of(path)
-    for line, name in imported(path):
-        parts = name.split(".")
-        if parts[0] != "jaxmocap" or len(parts) < 2 or parts[1] == unit:
-            continue
-        other = parts[1]
-        assert other in RANK, f"{path.name}:{line} imports jaxmocap.{other}, which no row names"
-        if RANK[unit] > 0:
-            assert RANK[other] > RANK[unit], f"{path.name}:{line}: {unit} must not import {other}"
-        private = [part for part in parts[2:-1] if part.startswith("_")]
-        assert not private, f"{path.name}:{line} reaches into {name}; import it from jaxmocap.{other}"
+def test_imports_go_down_the_rows_and_leave_private_modules_of_others_alone():
+    wrong = []
+    for path in FILES:
+        unit = unit_of(path)
+        for line, name in imported(path):
+            parts = name.split(".")
+            if parts[0] != "jaxmocap" or len(parts) < 2 or parts[1] == unit:
+                continue
+            where, other = f"{path.relative_to(PACKAGE)}:{line}", parts[1]
+            if other not in RANK:
+                wrong.append(f"{where} imports jaxmocap.{other}, which no row names")
+            elif RANK[unit] > 0 and RANK[other] <= RANK[unit]:
+                wrong.append(f"{where}: {unit} must not import {other}")
+            if any(part.startswith("_") for part in parts[2:-1]):
+                wrong.append(f"{where} reaches into {name}; import it from jaxmocap.{other}")
+    assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("path", FILES, ids=[str(path.relative_to(PACKAGE)) for path in FILES])
-def test_host_libraries_stay_in_host_packages(path):
-    used = {name.split(".")[0] for _, name in imported(path)} & HOST_LIBRARIES
-    assert not used or unit_of(path) in HOST_PACKAGES, f"{path.name} imports {used}"
+def test_host_libraries_stay_in_host_packages():
+    wrong = []
+    for path in FILES:
+        used = {name.split(".")[0] for _, name in imported(path)} & HOST_LIBRARIES
+        if used and unit_of(path) not in HOST_PACKAGES:
+            wrong.append(f"{path.relative_to(PACKAGE)} imports {', '.join(sorted(used))}")
+    assert not wrong, "\n".join(wrong)
 
 
 def test_samplers_and_refiners_know_neither_cameras_nor_bodies():
