@@ -81,13 +81,10 @@ def measure(capture: Path, frames: tuple[int, int] | None, quality: str, seed: i
     figures.append(record("peak memory", peak_memory(), "GiB", MEMORY_TOLERANCE))
     if {30, 90} <= set(peaks):
         figures.append(record("peak at frame 90 / at frame 30", peaks[90] / peaks[30], "", 0.05))
-    for name in ("marker_error_cm", "joint_error_cm"):
+    errors = {"marker_error_cm": "marker error, mean", "joint_error_cm": "error of the comparable joints, mean"}
+    for name, metric in errors.items():
         if name in scores:
-            figures.append(
-                record(
-                    f"{name.replace('_cm', '').replace('_', ' ')}, mean", scores[name]["mean"], "cm", ERROR_TOLERANCE
-                )
-            )
+            figures.append(record(metric, scores[name]["mean"], "cm", ERROR_TOLERANCE))
     return figures
 
 

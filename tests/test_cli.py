@@ -300,6 +300,10 @@ def test_evaluate_finds_the_truth_of_the_tracked_capture(result, capsys):
     assert scores["joint_error_cm"]["max"] < 0.01
     assert run(["evaluate", str(result)]) == 0
     assert "Markers" in capsys.readouterr().out
+    assert {"pelvis", "spine", "head"} < set(scores["joints_scored"])  # a synthetic truth has our own joints
+    assert run(["evaluate", str(result), "--joints", "l_knee", "nose", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["joints_scored"] == ["l_knee", "nose"]
+    assert "has no joint 'tail'" in refused(["evaluate", result, "--joints", "tail"], capsys)
 
 
 def test_evaluate_without_a_truth_or_a_result_is_refused(film, result, tmp_path, capsys):

@@ -24,6 +24,14 @@ def evaluate(
             help_behavior_hint="(default: the truth of the tracked capture)",
         ),
     ] = None,
+    joints: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="comparable|all|NAME ...",
+            help="Joints to score: neck, shoulders, elbows, wrists, hips, knees and ankles, which every rig puts in "
+            "the same place; all of the skeleton; or these.",
+        ),
+    ] = ("comparable",),
     json: Json = False,
 ) -> int:
     """Score a result by the paper's marker protocol and by joints, in centimetres."""
@@ -31,7 +39,8 @@ def evaluate(
     from jaxmocap.motion import Motion
 
     motion = Motion.load(result)
-    scores = evaluate(motion, truth or _truth_of(motion, result))
+    chosen = joints[0] if joints in (("comparable",), ("all",)) else joints
+    scores = evaluate(motion, truth or _truth_of(motion, result), joints=chosen)
     show(scores, lambda: evaluation_table(scores, f"{result}"), json_wanted=json)
     return 0
 

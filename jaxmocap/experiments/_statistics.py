@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import bootstrap
 
 _SAMPLES = 10_000
 
@@ -43,8 +44,10 @@ def summary(values: Iterable[float | None]) -> Summary:
 def paired_difference(
     ours: Float[np.ndarray, "pair"], theirs: Float[np.ndarray, "pair"], share: float = 0.95, seed: int = 0
 ) -> Difference:
-    """The median of `theirs - ours`, with the interval that holds this share of the medians of resampled pairs (the
-    percentile bootstrap, Efron 1979). Pairs in which one is not finite do not count; fewer than two have no interval.
+    """Take the median of `theirs - ours`, with the interval that holds this share of the medians of resampled pairs.
+
+    The interval is that of the percentile bootstrap (Efron 1979), `scipy.stats.bootstrap`. Pairs in which one is not
+    finite do not count; fewer than two have no interval.
     """
     both = np.isfinite(ours) & np.isfinite(theirs)
     gaps = (np.asarray(theirs, float) - np.asarray(ours, float))[both]
@@ -52,10 +55,15 @@ def paired_difference(
         return Difference(0, float("nan"), float("nan"), float("nan"))
     if len(gaps) == 1:
         return Difference(1, float(gaps[0]), float("nan"), float("nan"))
-    rng = np.random.default_rng(seed)
-    medians = np.median(gaps[rng.integers(0, len(gaps), (_SAMPLES, len(gaps)))], axis=1)
-    low, high = np.percentile(medians, [50 * (1 - share), 50 * (1 + share)])
-    return Difference(len(gaps), float(np.median(gaps)), float(low), float(high))
+    found = bootstrap(
+        (gaps,),
+        np.median,
+        n_resamples=_SAMPLES,
+        confidence_level=share,
+        method="percentile",
+        rng=np.random.default_rng(seed),
+    ).confidence_interval
+    return Difference(len(gaps), float(np.median(gaps)), float(found.low), float(found.high))
 
 
 def compare(ours: Sequence[dict[str, Any]], theirs: Sequence[dict[str, Any]], metric: str) -> Difference:

@@ -1,7 +1,6 @@
 """One evaluation of a result against the truth of its capture."""
 
 import os
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from jaxmocap.geometry import IDENTITY, Similarity, align_cameras, camera_residu
 from jaxmocap.motion import Motion
 
 from ._foot_skate import foot_skate
-from ._joints import jitter, joint_errors
+from ._joints import Joints, jitter, joint_errors
 from ._markers import marker_error
 from ._statistics import joint_statistics, marker_statistics
 from ._truth import Truth
@@ -24,19 +23,24 @@ def evaluate(
     result: Motion | str | os.PathLike[str],
     truth: str | os.PathLike[str],
     *,
-    joints: Sequence[str] | None = None,
+    joints: Joints = "comparable",
 ) -> dict[str, Any]:
     """Score a result (a motion or its folder) against a truth file; see `Truth.read` for what that may hold.
 
     Frames are matched by time. Where the truth holds the cameras' true poses and the result its own, the result's world
     is first brought to the truth's once, by the similarity between the two sets of cameras; `aligned_by` says so.
-    `joints` restricts the joints compared.
+
+    `joints` says which joints are scored. A joint of the same name is not always the same point: pelvis, spine, thorax
+    and head lie elsewhere in every rig. So "comparable", the default, scores the neck, shoulders, elbows, wrists, hips,
+    knees and ankles; "all" scores every joint of the skeleton; a list of names scores exactly these. Where the truth
+    says that its joints are those of our skeleton (`joint_definitions`), all are comparable.
 
     Returns what is known of, in centimetres: `frames`, `lost_frames`, `marker_error_cm` {mean, min, max, p95},
-    `joint_error_cm` and `joint_error_offset_corrected_cm` {mean, p95, max}, `pa_mpjpe_cm`, `seconds_per_frame`,
-    `uncertainty_coverage` (how often the regions of 50, 90 and 99 % hold the true joint), and further keys. `min` and
-    `max` of markers are over frames of the per-frame mean; `p95` and the joints' `max` are over
-    single points. Raises `InputError` if the files cannot be read or do not belong together.
+    `joint_error_cm` and `joint_error_offset_corrected_cm` {mean, p95, max}, `joints_scored` [name, ...],
+    `joints_left_out` {name: mean error}, `pa_mpjpe_cm`, `seconds_per_frame`, `uncertainty_coverage` (how often the
+    regions of 50, 90 and 99 % hold the true joint), and further keys. `min` and `max` of markers are over frames of the
+    per-frame mean; `p95` and the joints' `max` are over single points. Raises `InputError` if the files cannot be read
+    or do not belong together.
     """
     motion = result if isinstance(result, Motion) else Motion.load(result)
     reference, evaluated = Truth.read(truth).at(motion)
@@ -95,15 +99,17 @@ def _marker_scores(motion: Motion, markers: np.ndarray, placed: Similarity) -> d
     }
 
 
-def _joint_scores(motion: Motion, truth: Truth, joints: Sequence[str] | None, placed: Similarity) -> dict[str, Any]:
+def _joint_scores(motion: Motion, truth: Truth, joints: Joints, placed: Similarity) -> dict[str, Any]:
     assert truth.joints is not None
+    if joints == "comparable" and truth.has_our_joints:
+        joints = "all"
     errors = joint_errors(motion, truth.joints, truth.joint_names, joints=joints, truth_from_world=placed)
     scores: dict[str, Any] = {
         "joint_error_cm": joint_statistics(errors.raw),
         "joint_error_offset_corrected_cm": joint_statistics(errors.offset_corrected),
-        "joint_error_by_name_cm": dict(
-            zip(errors.names, map(float, 100 * np.nanmean(errors.raw, axis=0)), strict=True)
-        ),
+        "joint_error_by_name_cm": {name: 100 * error for name, error in errors.by_name().items()},
+        "joints_scored": list(errors.names),
+        "joints_left_out": {name: 100 * error for name, error in errors.left_out.items()},
         "pck_150mm": errors.correct_keypoints(),
     }
     if errors.deviations is not None:

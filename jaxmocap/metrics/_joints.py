@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -11,10 +12,17 @@ from jaxmocap._results import InputError
 from jaxmocap.geometry import IDENTITY, Similarity, fit_similarity
 from jaxmocap.motion import Motion
 
-# Joints of the skeleton. Landmarks on the surface (nose, toes, heels) are matched only when asked for by name.
-JOINTS = ("pelvis", "spine", "thorax", "neck", "head") + tuple(
-    f"{side}_{part}" for side in "lr" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-)
+_LIMBS = tuple(f"{side}_{part}" for side in "lr" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
+COMPARABLE = ("neck", *_LIMBS)
+"""Joints that every rig and detector puts in nearly the same place. The others are points along the trunk or on the
+head that each rig chooses for itself: `pelvis` is the middle of the hips or a hand's breadth above it, `spine` any
+vertebra, `head` the joint below the skull or its centre."""
+
+JOINTS = ("pelvis", "spine", "thorax", "neck", "head", *_LIMBS)
+"""Joints of the skeleton, without the landmarks on its surface (nose, toes, heels)."""
+
+Joints = Literal["comparable", "all"] | Sequence[str]
+"""Which joints to score: those in `COMPARABLE`, those in `JOINTS`, or exactly these names."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +34,7 @@ class JointErrors:
     removes from each joint its mean residual in the frame of the body it belongs to: two definitions of a joint that
     differ by a fixed vector on the bone then agree. `acceleration` is |a - a*| in m/s^2 at inner frames.
     `deviations` are the raw errors in standard deviations of the motion's covariance (Mahalanobis), None without one.
+    `left_out` has the mean raw error of every joint that both sides know and that is not among `names`.
     """
 
     names: tuple[str, ...]
@@ -34,7 +43,12 @@ class JointErrors:
     procrustes: Float[np.ndarray, "frame joint"]
     offset_corrected: Float[np.ndarray, "frame joint"]
     acceleration: Float[np.ndarray, "inner joint"]
-    deviations: Float[np.ndarray, "frame joint"] | None = None
+    deviations: Float[np.ndarray, "frame joint"] | None
+    left_out: dict[str, float]
+
+    def by_name(self) -> dict[str, float]:
+        """The mean raw error of every joint in `names`, metres."""
+        return _by_name(self.names, self.raw)
 
     def correct_keypoints(self, radius: float = 0.15) -> float:
         """PCK: the share of raw distances below `radius` metres."""
@@ -54,25 +68,30 @@ def joint_errors(
     truth: Float[np.ndarray, "frame joint 3"],
     names: Sequence[str],
     *,
-    joints: Sequence[str] | None = None,
+    joints: Joints = "comparable",
     truth_from_world: Similarity = IDENTITY,
 ) -> JointErrors:
-    """Errors of the motion's joints against `truth` (metres, one row per frame, columns called `names`).
+    """Compare the motion's joints with `truth` (metres, one row per frame, columns called `names`).
 
-    Compared are the joints both sides know, or exactly those in `joints`. `truth_from_world` brings the motion's
-    world to the truth's. Raises `InputError` if there are no common joints, a name in `joints` is unknown to either
-    side, or rows and frames do not match.
+    Of the joints that both sides know, those in `COMPARABLE` are compared, or "all" those in `JOINTS`, or exactly the
+    names in `joints`. `truth_from_world` brings the motion's world to the truth's. Raises `InputError` if there is no
+    joint to compare, a name in `joints` is unknown to either side, or rows and frames do not match.
     """
     truth = np.asarray(truth, np.float64)
     if truth.shape != (len(motion), len(names), 3):
         raise InputError(
             f"True joints have shape {truth.shape}; ({len(motion)}, {len(names)}, 3) was expected: frames, names, 3."
         )
-    compared = _common_names(motion.joint_names, names, joints)
+    compared = _joints_to_compare(motion.joint_names, names, joints)
+    others = tuple(name for name in motion.joint_names if name in names and name not in compared)
+    truth = np.where(np.isfinite(truth).all(-1, keepdims=True), truth, np.nan)
+
+    def pairs(wanted: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        places = motion.joints[:, [motion.joint_names.index(name) for name in wanted]].astype(np.float64)
+        return truth_from_world(places), truth[:, [list(names).index(name) for name in wanted]]
+
     ours = [motion.joint_names.index(name) for name in compared]
-    found = truth_from_world(motion.joints[:, ours].astype(np.float64))
-    true = truth[:, [list(names).index(name) for name in compared]]
-    true = np.where(np.isfinite(true).all(-1, keepdims=True), true, np.nan)
+    found, true = pairs(compared)
     if not np.isfinite(true).any():
         raise InputError("No true joint is known in any of the evaluated frames.")
 
@@ -93,6 +112,7 @@ def joint_errors(
         offset_corrected=_lengths(local - _mean_over_frames(local)),
         acceleration=_lengths(accelerations(true, motion.timestamps) - accelerations(found, motion.timestamps)),
         deviations=deviations,
+        left_out=_by_name(others, _lengths(np.subtract(*pairs(others)))),
     )
 
 
@@ -118,8 +138,10 @@ def jitter(motion: Motion, scale: float = 1.0) -> dict[str, float]:
     return {"mean": float(values.mean()), "p95": float(np.percentile(values, 95))}
 
 
-def _common_names(ours: Sequence[str], theirs: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
-    if wanted is not None:
+def _joints_to_compare(ours: Sequence[str], theirs: Sequence[str], wanted: Joints) -> tuple[str, ...]:
+    if isinstance(wanted, str) and wanted not in ("comparable", "all"):
+        raise InputError(f"The joints to score are {wanted!r}; 'comparable', 'all' or a list of names was expected.")
+    if not isinstance(wanted, str):
         for name in wanted:
             for side, known in (("skeleton", ours), ("truth", theirs)):
                 if name not in known:
@@ -130,7 +152,13 @@ def _common_names(ours: Sequence[str], theirs: Sequence[str], wanted: Sequence[s
         raise InputError(
             f"The truth's joints ({', '.join(theirs)}) and the skeleton's ({', '.join(ours)}) have no name in common."
         )
-    return common
+    chosen = common if wanted == "all" else tuple(name for name in common if name in COMPARABLE)
+    if not chosen:
+        raise InputError(
+            f"The truth and the skeleton have only {', '.join(common)} in common, which rigs put in different places; "
+            "neck, shoulders, elbows, wrists, hips, knees or ankles were expected. Score them with joints 'all'."
+        )
+    return chosen
 
 
 def _root_aligned(names: tuple[str, ...], found: np.ndarray, true: np.ndarray) -> np.ndarray | None:
@@ -147,6 +175,10 @@ def _after_procrustes(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     if known.sum() < 3:
         return np.full(len(true), np.nan)
     return _lengths(true - fit_similarity(found[known], true[known])(found))
+
+
+def _by_name(names: Sequence[str], distances: np.ndarray) -> dict[str, float]:
+    return dict(zip(names, map(float, _mean_over_frames(distances)), strict=True))
 
 
 def _mean_over_frames(values: np.ndarray) -> np.ndarray:

@@ -38,6 +38,11 @@ def _caption(scores: Mapping[str, Any]) -> str:
         parts.append(f"{scores['seconds_per_frame']:.2f} s per frame")
     if "frames_without_truth" in scores:
         parts.append(f"{scores['frames_without_truth']} more without truth")
+    if "joints_scored" in scores:
+        parts.append(f"joints scored: {', '.join(scores['joints_scored'])}")
+    if scores.get("joints_left_out"):
+        left_out = ", ".join(f"{name} {error:.2f} cm" for name, error in scores["joints_left_out"].items())
+        parts.append(f"left out of the mean: {left_out}")
     if "uncertainty_coverage" in scores:
         held = ", ".join(f"{region}: {100 * share:.0f}%" for region, share in scores["uncertainty_coverage"].items())
         parts.append(f"true joints in their regions of {held}")

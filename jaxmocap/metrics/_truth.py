@@ -1,7 +1,7 @@
 """Ground truth on disk, read for evaluation only, and its values at the times of a result."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ class Truth:
     """Markers and joints of a capture in metres on one time axis, NaN where not seen.
 
     `times` are seconds since the first camera's first frame; None means one sample per frame of its video.
+    `has_our_joints` says that the joints are those of our skeleton, not of another rig or a detector.
     """
 
     path: Path
@@ -26,11 +27,13 @@ class Truth:
     joints: Float[np.ndarray, "sample joint 3"] | None
     joint_names: tuple[str, ...]
     cam_from_world: Float[np.ndarray, "camera sample 4 4"] | None
+    has_our_joints: bool = False
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "Truth":
         """Read an npz with `markers` (N, M, 3), or `joints` (N, J, 3) and `joint_names`, or both; also `fps` or
-        `timestamps` (N,), and `cam_from_world` (C, N, 4, 4). `InputError` if it has neither or shapes disagree."""
+        `timestamps` (N,), `cam_from_world` (C, N, 4, 4), and `joint_definitions`, "jaxmocap" where the joints are
+        those of our skeleton. `InputError` if it has neither markers nor joints or shapes disagree."""
         path = Path(path)
         arrays = read_npz(path)
         markers, joints = arrays.get("markers"), arrays.get("joints")
@@ -47,6 +50,12 @@ class Truth:
         names = tuple(str(name) for name in arrays.get("joint_names", ()))
         if joints is not None and len(names) != joints.shape[1]:
             raise InputError(f"{path} has {joints.shape[1]} joints and {len(names)} joint_names; they must be as many.")
+        definitions = arrays.get("joint_definitions")
+        if definitions is not None and definitions.tolist() != "jaxmocap":
+            raise InputError(
+                f"{path}: joint_definitions is {definitions.tolist()!r}; 'jaxmocap' was expected where the joints are "
+                "those of its skeleton; else leave it out."
+            )
         cameras = arrays.get("cam_from_world")
         if cameras is not None:
             if cameras.ndim != 4 or cameras.shape[2:] != (4, 4):
@@ -60,7 +69,7 @@ class Truth:
         if len(set(lengths.values())) > 1:
             found = ", ".join(f"{count} of {name}" for name, count in lengths.items())
             raise InputError(f"{path} has different numbers of frames: {found}; they must be equal.")
-        return cls(path, times, markers, joints, names, cameras)
+        return cls(path, times, markers, joints, names, cameras, definitions is not None)
 
     def at(self, motion: Motion) -> tuple["Truth", Motion]:
         """Both at the instants they share: the truth interpolated to the motion's frames, other frames dropped.
@@ -83,7 +92,9 @@ class Truth:
         wanted = wanted[shared]
         pick = lambda values: None if values is None else sample(times, values, wanted)  # noqa: E731
         cameras = None if self.cam_from_world is None else pick(self.cam_from_world.swapaxes(0, 1)).swapaxes(0, 1)
-        truth = Truth(self.path, wanted, pick(self.markers), pick(self.joints), self.joint_names, cameras)
+        truth = replace(
+            self, times=wanted, markers=pick(self.markers), joints=pick(self.joints), cam_from_world=cameras
+        )
         return truth, motion if shared.all() else motion[shared]
 
 

@@ -63,6 +63,7 @@ def _write_into(capture: SyntheticCapture, folder: Path) -> None:
         markers=capture.markers,
         joints=capture.joints,
         joint_names=np.array(capture.joint_names),
+        joint_definitions=np.array("jaxmocap"),  # the actor's own joints: all of them may be compared
         fps=np.array(capture.fps),
         timestamps=capture.timestamps,
         root=np.asarray(capture.poses.root),

@@ -1,3 +1,4 @@
+import io
 import json
 import os
 from pathlib import Path
@@ -61,6 +62,27 @@ def test_errors_are_centimetres(motion, tmp_path):
     scores = evaluate(motion, _write(tmp_path / "truth.npz", truth))
     assert scores["marker_error_cm"] == pytest.approx({"mean": 5 * 7 / 8, "min": 0, "max": 5, "p95": 5}, abs=1e-3)
     assert scores["joint_error_cm"] == pytest.approx({"mean": 10, "p95": 10, "max": 10}, abs=1e-3)
+
+
+def test_joints_that_rigs_place_differently_are_left_out_of_the_mean_unless_asked_for(motion, tmp_path):
+    """Every true joint is off by one centimetre, but the pelvis by 6 and the head by 12."""
+    truth = _truth(motion)
+    truth["joints"] += np.array([0.06, 0.01, 0.12, 0.01, 0.01, 0.01])[:, None] * [0, 1, 0]
+    path = _write(tmp_path / "truth.npz", truth)
+    scores = evaluate(motion, path)
+    assert scores["joint_error_cm"]["mean"] == pytest.approx(1, abs=1e-3)
+    assert set(scores["joints_scored"]) == set(scores["joint_error_by_name_cm"]) == {"neck", "l_wrist", "r_ankle"}
+    assert scores["joints_left_out"] == pytest.approx({"pelvis": 6, "head": 12, "nose": 1}, abs=1e-3)
+    assert "left out of the mean: pelvis 6.00 cm, head 12.00 cm, nose 1.00 cm" in _printed(scores)
+
+    every = evaluate(motion, path, joints="all")
+    assert every["joint_error_cm"]["mean"] == pytest.approx((6 + 12 + 3) / 5, abs=1e-3)
+    assert every["joints_left_out"] == pytest.approx({"nose": 1}, abs=1e-3)
+    named = evaluate(motion, path, joints=["nose", "head"])
+    assert named["joint_error_cm"]["mean"] == pytest.approx(6.5, abs=1e-3)
+
+    ours = evaluate(motion, _write(tmp_path / "ours.npz", truth | {"joint_definitions": "jaxmocap"}))
+    assert ours["joint_error_cm"] == every["joint_error_cm"]
 
 
 def test_keys_the_truth_cannot_answer_are_absent(motion, tmp_path):
@@ -160,6 +182,7 @@ def test_a_result_in_its_own_world_is_aligned_once_by_the_cameras(tmp_path):
         ({"joint_names": np.array(["pelvis"])}, "6 joints and 1 joint_names"),
         ({"joint_names": np.array(list("abcdef"))}, "no name in common"),
         ({"fps": 0}, "fps is 0"),
+        ({"joint_definitions": "COCO"}, "joint_definitions is 'COCO'; 'jaxmocap' was expected"),
         ({"timestamps": np.zeros(8)}, "timestamps do not increase"),
         ({"cam_from_world": np.zeros((2, 8, 3))}, "cam_from_world has shape"),
         ({"markers": np.array([["a"]])}, "markers has shape"),
@@ -182,11 +205,16 @@ def test_missing_and_damaged_truths_are_refused(motion, tmp_path):
         evaluate(motion, tmp_path / "array.npy")
 
 
+def _printed(scores):
+    """The table as text, its lines joined."""
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(evaluation_table(scores))
+    return " ".join(console.export_text().split())
+
+
 def test_the_table_shows_every_error(motion, tmp_path):
     scores = evaluate(motion, _write(tmp_path / "truth.npz", _truth(motion)))
-    console = Console(width=100, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    console.print(evaluation_table(scores | {"marker_error_cm": {"mean": 4.23, "min": 2.48, "max": 6.2, "p95": 9.0}}))
-    text = console.export_text()
+    text = _printed(scores | {"marker_error_cm": {"mean": 4.23, "min": 2.48, "max": 6.2, "p95": 9.0}})
     for expected in ("4.23", "2.48", "6.20", "9.00", "8 frames, 2 lost; 1.25 s per frame", "after Procrustes"):
         assert expected in text
 

@@ -22,7 +22,7 @@ def _true(motion, names=NAMES):
 
 def test_the_motions_own_joints_have_no_error_whatever_their_order(motion):
     names = NAMES[::-1]
-    errors = joint_errors(motion, _true(motion, names), names)
+    errors = joint_errors(motion, _true(motion, names), names, joints="all")
     assert set(errors.names) == set(NAMES)
     for distances in (errors.raw, errors.root_aligned, errors.procrustes, errors.offset_corrected, errors.acceleration):
         assert np.allclose(distances, 0, atol=1e-5)
@@ -76,7 +76,7 @@ def test_a_constant_offset_on_the_bone_is_removed_exactly(motion):
     bodies = [skeleton.landmark_bodies[skeleton.landmark_names.index(name)] for name in NAMES]
     offsets = 0.05 * np.random.default_rng(1).standard_normal((len(NAMES), 3))
     rotations = motion.body_transforms[:, bodies, :3, :3].astype(np.float64)
-    errors = joint_errors(motion, _true(motion) + np.einsum("tjik,jk->tji", rotations, offsets), NAMES)
+    errors = joint_errors(motion, _true(motion) + np.einsum("tjik,jk->tji", rotations, offsets), NAMES, joints="all")
     order = [NAMES.index(name) for name in errors.names]
     assert np.allclose(errors.raw, np.linalg.norm(offsets, axis=1)[order], atol=1e-5)
     assert np.allclose(errors.offset_corrected, 0, atol=1e-5)
@@ -108,16 +108,30 @@ def test_joints_the_truth_does_not_know_are_left_out(motion):
 
 def test_points_on_the_surface_are_compared_only_when_asked_for(motion):
     names = ("neck", "nose", "l_big_toe")
-    assert joint_errors(motion, _true(motion, names), names).names == ("neck",)
+    assert joint_errors(motion, _true(motion, names), names, joints="all").names == ("neck",)
     assert joint_errors(motion, _true(motion, names), names, joints=("nose", "neck")).names == ("nose", "neck")
+
+
+def test_a_spine_that_another_rig_puts_elsewhere_is_reported_and_not_scored(motion):
+    names = ("pelvis", "spine", "neck", "l_knee", "nose")
+    moved = np.array([[0.05, 0, 0], [0, 0.07, 0], [0.01, 0, 0], [0, 0.03, 0], [0, 0, 0.2]])
+    errors = joint_errors(motion, _true(motion, names) + moved, names)
+    assert errors.by_name() == pytest.approx({"neck": 0.01, "l_knee": 0.03}, abs=1e-6)
+    assert errors.raw.mean() == pytest.approx(0.02, abs=1e-6)
+    assert errors.left_out == pytest.approx({"pelvis": 0.05, "spine": 0.07, "nose": 0.2}, abs=1e-6)
+    everything = joint_errors(motion, _true(motion, names) + moved, names, joints="all")
+    assert everything.raw.mean() == pytest.approx(0.04, abs=1e-6)
+    assert everything.left_out == pytest.approx({"nose": 0.2}, abs=1e-6)
 
 
 @pytest.mark.parametrize(
     ("names", "wanted", "sentence"),
     [
-        (("tail", "wing"), None, r"joints \(tail, wing\) .* have no name in common"),
+        (("tail", "wing"), "comparable", r"joints \(tail, wing\) .* have no name in common"),
         (("neck", "wing"), ("wing",), "skeleton has no joint 'wing'"),
         (("neck", "wing"), ("head",), "truth has no joint 'head'; it has neck, wing"),
+        (("pelvis", "head"), "comparable", "have only pelvis, head in common, .* Score them with joints 'all'"),
+        (("neck", "head"), "head", "joints to score are 'head'; 'comparable', 'all' or a list of names was expected"),
     ],
 )
 def test_unknown_names_are_refused(motion, names, wanted, sentence):
