@@ -105,13 +105,9 @@ def cores() -> int:
 
 def cache_folder(name: str) -> Path:
     """A folder of ours in the platform's place for what may be deleted at any time."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "jaxmocap" / name
+    from platformdirs import user_cache_path
+
+    return user_cache_path("jaxmocap", appauthor=False, opinion=False) / name
 
 
 @dataclass

@@ -32,8 +32,12 @@ def offences(source: str) -> list[str]:
                     found.append(f"line {node.lineno} gives {keyword.arg}")
             if owner in ("np", "numpy") and name == "load" and "allow_pickle" not in {k.arg for k in node.keywords}:
                 found.append(f"line {node.lineno} loads without allow_pickle=False")
-            if owner == "yaml" and name == "load":
-                found.append(f"line {node.lineno} loads YAML with constructors")
+        names = [node.attr] if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "yaml" else []
+        if isinstance(node, ast.ImportFrom) and node.module == "yaml":
+            names = [alias.name for alias in node.names]
+        for name in names:
+            if ("load" in name.lower() and "safe" not in name.lower()) or name.startswith("unsafe"):
+                found.append(f"line {node.lineno} reads YAML with {name}, which is not a safe loader")
     return found
 
 
@@ -52,8 +56,15 @@ def test_no_file_runs_foreign_code():
         "subprocess.run(text, shell=True)",
         "np.load(path)",
         "np.load(path, allow_pickle=True)",
-        "yaml.load(text)",
+        "yaml.load(text, yaml.SafeLoader)",
+        "yaml.unsafe_load(text)",
+        "yaml.parse(text, yaml.FullLoader)",
+        "from yaml import CLoader",
     ],
 )
 def test_the_test_sees_it(source):
     assert offences(source)
+
+
+def test_a_safe_loader_is_safe():
+    assert not offences('yaml.parse(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))')

@@ -28,7 +28,7 @@ def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: An
 
 
 def refuse_named_cameras(path: str | Path, replace: bool) -> Path:
-    """The `capture.toml`. Raises `InputError` if it names cameras, unless `replace`, or cannot be completed."""
+    """The `capture.toml`. Raises `InputError` if it names cameras, unless `replace`, or cannot be written."""
     file = config_path(path)
     config, _ = read_config(file)
     if config is not None and config.cameras is not None and not replace:
@@ -36,8 +36,6 @@ def refuse_named_cameras(path: str | Path, replace: bool) -> Path:
             f"{file} names cameras already ({config.cameras!r}); remove the line, or use --replace, which leaves "
             "the old ones where they are"
         )
-    if config is not None:
-        with_cameras_line(_text(file), "cameras", file)  # before the long run: it may be refused
     if not os.access(file.parent, os.W_OK):
         raise InputError(f"{file.parent} cannot be written to; copy the capture to a place of your own")
     return file

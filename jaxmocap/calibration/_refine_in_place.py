@@ -47,8 +47,6 @@ def refine_cameras(
         return refine(capture, motion, detections=detections, progress=progress)
     file = config_path(capture)
     opened = Capture.open(file)
-    text = _text(file)
-    with_offsets(with_cameras_line(text, "cameras", file), opened.offsets, file)  # refused before the work
     found = refine(opened, motion, detections=detections, progress=progress)
     try:
         return _write(opened, file, found, progress)

@@ -1,7 +1,7 @@
 """OpenCV's FileStorage as plain dicts: YAML, XML and JSON.
 
-OpenCV itself reads only the YAML, and of that no matrices: on damaged files its parsers crash, by deep nesting or by
-trusting the sizes of a matrix.
+OpenCV itself reads none of it: on damaged files its parsers crash, by deep nesting or by trusting the sizes of a
+matrix.
 """
 
 import io
@@ -11,10 +11,12 @@ import shlex
 import xml.etree.ElementTree as ElementTree
 from typing import Any
 
+import numpy as np
+
 from jaxmocap._results import InputError
 
 _DEEPEST = 12
-_UNSAFE_YAML = re.compile(rf"^[ ]{{{10 * _DEEPEST}}}|(?:-\s+){{{_DEEPEST}}}", re.MULTILINE)
+_NO_NUMBERS = {".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 
 
 def parse_xml(text: str, label: str) -> ElementTree.Element:
@@ -35,12 +37,13 @@ def parse_xml(text: str, label: str) -> ElementTree.Element:
 
 
 def _scalar(word: str) -> int | float | str:
+    """A number, also as OpenCV writes those that are none, or a string."""
     for kind in (int, float):
         try:
             return kind(word)
         except ValueError:
             pass
-    return word
+    return _NO_NUMBERS.get(word.lower(), word)
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -63,39 +66,39 @@ def _from_element(element: ElementTree.Element) -> Any:
     return values[0] if len(values) == 1 else values
 
 
-def _from_node(node: Any, depth: int = 0) -> Any:
-    if depth > _DEEPEST:
-        raise ValueError("it is nested too deeply")
-    if node.isMap():
-        return {key: _from_node(node.getNode(key), depth + 1) for key in node.keys()}  # noqa: SIM118
-    if node.isSeq():
-        return [_from_node(node.at(index), depth + 1) for index in range(node.size())]
-    if node.isInt():
-        return int(node.real())
-    if node.isReal():
-        return node.real()
-    return node.string() if node.isString() else None
-
-
 def _from_yaml(text: str) -> Any:
-    import cv2
+    """The events of a YAML text as plain values: no tag constructs anything, and aliases, which could let a text grow,
+    are refused."""
+    import yaml
 
-    depth = 0
-    for bracket in re.finditer(r"[\[\]{}]", text):
-        depth += 1 if bracket[0] in "[{" else -1
+    def value(event: yaml.Event, depth: int = 0) -> Any:
         if depth > _DEEPEST:
             raise ValueError("it is nested too deeply")
-    if _UNSAFE_YAML.search(text):
-        raise ValueError("it is nested too deeply")
-    if not text.startswith("%YAML"):
+        if isinstance(event, yaml.MappingStartEvent):
+            pairs = []
+            while not isinstance(key := next(events), yaml.MappingEndEvent):
+                if not isinstance(key, yaml.ScalarEvent):
+                    raise ValueError("it has a map with keys that are no names")
+                pairs.append((key.value, value(next(events), depth + 1)))
+            return _once(pairs)
+        if isinstance(event, yaml.SequenceStartEvent):
+            items = []
+            while not isinstance(item := next(events), yaml.SequenceEndEvent):
+                items.append(value(item, depth + 1))
+            return items
+        if not isinstance(event, yaml.ScalarEvent):
+            raise ValueError("it has aliases, which are not read")
+        return event.value if event.style else _scalar(event.value)
+
+    header = re.match("%YAML.*", text)
+    if header is None:
         raise ValueError("it does not begin with %YAML, as OpenCV's do")
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C where it was built, ten times as fast
+    events = yaml.parse(text[header.end() :], loader)  # without OpenCV's %YAML:1.0, which is no directive of YAML
     try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        try:
-            return _from_node(storage.root())
-        finally:
-            storage.release()
-    except (cv2.error, SystemError, UnicodeDecodeError):
+        _, begin = next(events), next(events)
+        return value(next(events)) if isinstance(begin, yaml.DocumentStartEvent) else None
+    except yaml.YAMLError:
         raise ValueError("it is cut off or malformed") from None
 
 

@@ -12,7 +12,7 @@ from jaxmocap._results import InputError
 
 from ._findings import Finding
 
-_FRAMES_LINE = re.compile(r"\s*frames\s*=")
+FRAMES_LINE = re.compile(r"^[ \t]*frames\s*=.*$", re.MULTILINE)
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000  # bytes of a name, characters of a path
 _LINE_NUMBER = re.compile(r"at line (\d+)")
 
@@ -98,7 +98,7 @@ def _parse(file: Path) -> tuple[dict[str, Any], list[Finding]]:
             line = int(number[1]) if number else len(text.splitlines())
             lines = text.splitlines()
             found = lines[line - 1].strip() if 0 < line <= len(lines) else ""
-            if findings or not _FRAMES_LINE.match(found):
+            if findings or not FRAMES_LINE.match(found):
                 raise InputError(f"{file} line {line} is not valid TOML: {error}; found {found[:80]!r}") from error
             lines[line - 1] = ""
             text = "\n".join(lines)

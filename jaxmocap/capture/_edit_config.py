@@ -1,94 +1,77 @@
-"""Completing `capture.toml` in place: single values change, everything else stays to the last character."""
+"""Completing `capture.toml` in place: single values change; comments, order and layout stay."""
 
-import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.container import Container
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import AoT, InlineTable, Table
 
 from jaxmocap._results import InputError
 
-_CAMERA = re.compile(r"\s*\[\[\s*(?:camera|\"camera\"|'camera')\s*\]\]\s*(?:#.*)?$")
-_HEADER = re.compile(r"\s*\[")
-_OFFSET = re.compile(r"(\s*(?:offset|\"offset\"|'offset')\s*=\s*)([^\s#]+)(.*)$", re.DOTALL)
-_CAMERAS = re.compile(r"(\s*(?:cameras|\"cameras\"|'cameras')\s*=\s*)(\"[^\"]*\"|'[^']*')(.*)$", re.DOTALL)
-_KEY = re.compile(r"(\s*)[\w\"'.\-]+\s*=")
+from ._config import FRAMES_LINE
 
 
 def with_offsets(text: str, offsets: Sequence[float], file: Path) -> str:
-    """The text of `capture.toml` with these offsets, seconds, one per `[[camera]]` section, in order.
+    """Set `offset` of every camera, in seconds and in order, in the text of `capture.toml`.
 
-    Raises `InputError` if the file is laid out so that this cannot be done without changing anything else.
+    Raises `InputError` if the text is not TOML or does not have that many cameras.
     """
-    lines = text.splitlines(keepends=True)
-    starts = [number for number, line in enumerate(lines) if _CAMERA.match(line.rstrip("\r\n"))]
-    cannot = InputError(
-        f"{file} cannot be completed in place, for its cameras are not written as one [[camera]] section each; write "
-        "them so, as the README shows"
-    )
-    if len(starts) != len(offsets):
-        raise cannot
-    for start, offset in reversed(list(zip(starts, offsets, strict=True))):
-        _set_offset(lines, start, f"{round(offset, 6) + 0.0!r}")
-    edited = "".join(lines)
-    wanted = _values(text)
-    for camera, offset in zip(wanted["camera"], offsets, strict=True):
-        camera["offset"] = round(offset, 6)
-    if _values(edited) != wanted:
-        raise cannot
-    return edited
+    document = _Document(text, file)
+    cameras = document.toml.get("camera", ())
+    if len(cameras) != len(offsets):
+        raise InputError(
+            f"{file} has {len(cameras)} cameras, and offsets were found for {len(offsets)}; was it changed meanwhile? "
+            "synchronise again"
+        )
+    for camera, offset in zip(cameras, offsets, strict=True):
+        document.set(camera, "offset", round(offset, 6) + 0.0)
+    return document.text()
 
 
 def with_cameras_line(text: str, cameras: str, file: Path) -> str:
-    """The text of `capture.toml` with `cameras` naming this folder; comments and order are kept.
-
-    Raises `InputError` if the file is laid out so that this cannot be done without changing anything else.
-    """
-    lines = text.splitlines(keepends=True)
-    end = next((number for number, line in enumerate(lines) if _HEADER.match(line)), len(lines))
-    found = next((match for match in map(_CAMERAS.match, lines[:end]) if match is not None), None)
-    if found is not None:
-        lines[lines.index(found.string)] = f'{found[1]}"{cameras}"{found[3]}'
-    else:
-        keys = [number for number in range(end) if _KEY.match(lines[number])]
-        _add_line(lines, keys[-1] if keys else None, f'cameras = "{cameras}"')
-    edited = "".join(lines)
-    try:
-        done = _values(edited) == {**_values(text), "cameras": cameras}
-    except tomllib.TOMLDecodeError:
-        done = False
-    if not done:
-        raise InputError(
-            f'{file} cannot be completed in place; write the line cameras = "{cameras}" before the first [[camera]] '
-            "by hand"
-        )
-    return edited
+    """Let `cameras` name this folder in the text of `capture.toml`. Raises `InputError` if the text is not TOML."""
+    document = _Document(text, file)
+    document.set(document.toml, "cameras", cameras)
+    return document.text()
 
 
-def _set_offset(lines: list[str], start: int, value: str) -> None:
-    """Change or add `offset` in the section whose header is line `start`."""
-    end = next((n for n in range(start + 1, len(lines)) if _HEADER.match(lines[n])), len(lines))
-    for number in range(start + 1, end):
-        found = _OFFSET.match(lines[number])
-        if found is not None:
-            lines[number] = f"{found[1]}{value}{found[3]}"
+class _Document:
+    """A TOML document that is edited; a `frames` line that is not valid, which opening forgives, is kept as it is."""
+
+    def __init__(self, text: str, file: Path):
+        self._mark = "\ufeff" if text.startswith("\ufeff") else ""
+        self._ending = "\r\n" if "\r\n" in text else "\n"
+        self._forgiven = ""
+        text = text.removeprefix(self._mark)
+        try:
+            try:
+                self.toml = tomlkit.parse(text)
+            except TOMLKitError:
+                found = FRAMES_LINE.search(text)
+                if found is None:
+                    raise
+                self._forgiven = found[0]
+                self.toml = tomlkit.parse(f"{text[: found.start()]}#{text[found.start() :]}")
+        except TOMLKitError as error:
+            raise InputError(f"{file} is not valid TOML: {error}; nothing was changed in it") from error
+
+    def set(self, table: Any, key: str, value: float | str) -> None:
+        """Change a value, or add it behind the last one of its table: before comments and sections that follow."""
+        if key in table or isinstance(table, InlineTable):
+            table[key] = value
             return
-    last, indent = start, ""
-    for number in range(start + 1, end):
-        found = _KEY.match(lines[number])
-        if found is not None:
-            last, indent = number, found[1]
-    _add_line(lines, last, f"{indent}offset = {value}")
+        body = (table if isinstance(table, Container) else table.value).body
+        keys = [number for number, (name, item) in enumerate(body) if name and not isinstance(item, AoT | Table)]
+        item = tomlkit.item(value)
+        item.trivia.trail = self._ending
+        if keys:
+            before = body[keys[-1]][1].trivia
+            item.trivia.indent, before.trail = before.indent, before.trail or self._ending
+        body.insert(keys[-1] + 1 if keys else 0, (tomlkit.key(key), item))
 
-
-def _add_line(lines: list[str], after: int | None, line: str) -> None:
-    """Insert a line behind another one, or at the top, with the line ends of the file."""
-    ending = "\r\n" if lines and lines[0].endswith("\r\n") else "\n"
-    if after is not None and not lines[after].endswith("\n"):
-        lines[after] += ending
-    lines.insert(0 if after is None else after + 1, line + ending)
-
-
-def _values(text: str) -> dict:
-    """What the text says, without a `frames` line, which is forgiven if it is not valid when a capture is opened."""
-    kept = [line for line in text.removeprefix("\ufeff").splitlines() if not re.match(r"\s*frames\s*=", line)]
-    return tomllib.loads("\n".join(kept))
+    def text(self) -> str:
+        text = tomlkit.dumps(self.toml)
+        return self._mark + text.replace(f"#{self._forgiven}", self._forgiven, bool(self._forgiven))

@@ -37,7 +37,6 @@ def plan_sync(path: str | Path, method: SyncMethod = "auto", progress: Progress 
         raise InputError(next(finding.message for finding in findings if finding.severity == "error"))
     text = file.read_bytes().decode("utf-8")
     names = [entry.name for entry in config.camera]
-    with_offsets(text, [0.0] * len(names), file)  # refuse what cannot be edited before the long work
     videos = [index_video(file.parent / entry.video) for entry in config.camera]
     found = synchronise(videos, names, method, progress)
     found = replace(found, notes=(*found.notes, *_consequences(file, config, videos, found)))

@@ -1,16 +1,18 @@
 """The folder of a run: one process at a time, a checkpoint while it lasts, a whole result at its end."""
 
 import contextlib
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+from filelock import FileLock, Timeout
 
 from jaxmocap._files import check_output, claim_output
 from jaxmocap._results import InputError
 from jaxmocap.track import Checkpoint
 
 _CHECKPOINT, _LOCK = "checkpoint", "lock"
+_PATIENCE = 0.2  # seconds; a run that ends takes its lock file away, and a lock of that file is tried again
 
 
 class RunFolder(NamedTuple):
@@ -35,16 +37,16 @@ def run_folder(out: Path, *, resume: bool = False) -> Iterator[RunFolder]:
     """
     checkpoint = out / _CHECKPOINT
     unfinished = Checkpoint(checkpoint).exists and not finished(out)
-    if unfinished and not resume and not _held(checkpoint / _LOCK):
-        raise InputError(
-            f"the folder {out} holds an unfinished run; go on with --resume (resume=True), choose another folder, or "
-            "delete it."
-        )
     keep = tuple(entry.name for entry in out.iterdir()) if unfinished else (_CHECKPOINT,)
     check_output(out, keep=keep)
     created = not out.exists()
     try:
         with _only_run(checkpoint, out):
+            if unfinished and not resume:
+                raise InputError(
+                    f"the folder {out} holds an unfinished run; go on with --resume (resume=True), choose another "
+                    "folder, or delete it."
+                )
             with claim_output(out, keep=keep) as staging:
                 yield RunFolder(staging, checkpoint)
             Checkpoint(checkpoint).remove()
@@ -58,18 +60,14 @@ def run_folder(out: Path, *, resume: bool = False) -> Iterator[RunFolder]:
 def _only_run(folder: Path, out: Path) -> Iterator[None]:
     """Hold a folder, which is made if need be, for this process. The system lets go when a process dies, however it
     dies; an empty folder is taken away at the end."""
-    path = folder / _LOCK
+    lock = FileLock(folder / _LOCK, timeout=_PATIENCE, fallback_to_soft=False)
     try:
-        while True:
-            folder.mkdir(parents=True, exist_ok=True)
-            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-            if not _locked(handle):
-                os.close(handle)
-                raise InputError(f"another run is writing to {out}; wait until it has ended, or choose another folder.")
-            with contextlib.suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(handle), path.stat()):
-                    break
-            os.close(handle)  # the run that held it has ended in between, and has taken its file away
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout as error:
+        raise InputError(
+            f"another run is writing to {out}; wait until it has ended, or choose another folder."
+        ) from error
     except OSError as error:
         raise InputError(
             f"The output folder {out} cannot be written ({error.strerror or error}); choose another with --out."
@@ -78,34 +76,7 @@ def _only_run(folder: Path, out: Path) -> Iterator[None]:
         yield
     finally:
         with contextlib.suppress(OSError):
-            path.unlink()
-        os.close(handle)
+            Path(lock.lock_file).unlink()  # while it is held; who opened it meanwhile sees that it is gone
+        lock.release()
         with contextlib.suppress(OSError):
             folder.rmdir()
-
-
-def _held(path: Path) -> bool:
-    """Whether a living process holds a lock."""
-    if not path.is_file():
-        return False
-    handle = os.open(path, os.O_RDWR)
-    try:
-        return not _locked(handle)
-    finally:
-        os.close(handle)
-
-
-def _locked(handle: int) -> bool:
-    """Lock an open file, if nobody else has."""
-    try:
-        if os.name == "posix":
-            import fcntl
-
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        else:
-            import msvcrt
-
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # pyright: ignore[reportAttributeAccessIssue]
-    except OSError:
-        return False
-    return True

@@ -167,8 +167,9 @@ def test_the_line_of_the_cameras_is_set_and_nothing_else():
         assert again == edited.replace('"cameras"', '"cameras-2"')
     kept = with_cameras_line("cameras = 'rig.toml'  # measured\n" + TOML, "cameras", file)
     assert kept.startswith('cameras = "cameras"  # measured\n')
-    with pytest.raises(InputError, match="by hand"):
-        with_cameras_line('cameras = """\nrig"""\n' + TOML, "cameras", file)
+    assert with_cameras_line('cameras = """\nrig"""\n' + TOML, "cameras", file) == 'cameras = "cameras"\n' + TOML
+    with pytest.raises(InputError, match=r"capture\.toml is not valid TOML"):
+        with_cameras_line('cameras = "rig', "cameras", file)
 
 
 @pytest.mark.slow

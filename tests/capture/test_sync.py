@@ -85,7 +85,7 @@ def test_the_command_line_prints_a_table_and_says_what_is_doubtful(tmp_path, cap
 def test_offsets_of_an_earlier_run_are_replaced_and_comments_kept(films):
     file = films / "capture.toml"
     text = '# \u00e9\r\nfps = 30\r\n[[camera]] # one\r\noffset=3.5# old\r\nname="cam0"\r\nvideo="cam0.mp4"\r\n'
-    text += "frames = oops\r\n\r\n[[ camera ]]\r\n  name = 'cam1'\r\n  video = 'cam1.mp4'  # two\r\n# end"
+    text += "frames = oops\r\n\r\n[[camera]]\r\n  name = 'cam1'\r\n  video = 'cam1.mp4'  # two\r\n# end"
     file.write_bytes(text.replace("frames = oops\r\n", "").encode())
     jm.sync(file, method="sound")
     offset = file.read_bytes().decode().split("  offset = ")[1].split("\r\n")[0]
@@ -101,19 +101,35 @@ def test_a_line_that_is_forgiven_when_a_capture_is_opened_is_left_alone():
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "edited"),
     [
-        'camera = [{name = "cam0", video = "cam0.mp4"}, {name = "cam1", video = "cam1.mp4"}]\n',
-        'name = """\n[[camera]]\n"""\n[[camera]]\nname = "cam0"\nvideo = "cam0.mp4"\n[["camera"]]\nname = "cam1"\n'
-        'video = "cam1.mp4"\n',
+        (
+            'camera = [{name = "a", video = "a.mp4"}, # one\n {name = "b", video = "b.mp4", offset = 7}]\n',
+            'camera = [{name = "a", video = "a.mp4", offset = 0.25}, # one\n '
+            '{name = "b", video = "b.mp4", offset = -1.5}]\n',
+        ),
+        (
+            'name = """\n[[camera]]\n"""\n[[camera]]\nname = "a"\nvideo = "a.mp4"\n\n# b\n[[camera]]\n'
+            'name = "b"\n\n# end',
+            'name = """\n[[camera]]\n"""\n[[camera]]\nname = "a"\nvideo = "a.mp4"\noffset = 0.25\n\n# b\n[[camera]]\n'
+            'name = "b"\noffset = -1.5\n\n# end',
+        ),
+        (
+            "\ufeff[[camera]]\r\n\tname = 'a'\r\n[[camera]]\r\nname = 'b'",
+            "\ufeff[[camera]]\r\n\tname = 'a'\r\n\toffset = 0.25\r\n[[camera]]\r\nname = 'b'\r\noffset = -1.5\r\n",
+        ),
     ],
 )
-def test_a_layout_that_cannot_be_completed_in_place_is_refused_before_the_work(films, text):
-    (films / "capture.toml").write_text(text)
-    before = content(films)
-    with pytest.raises(InputError, match=r"cannot be completed in place.*one \[\[camera\]\] section each"):
-        jm.sync(films)
-    assert content(films) == before
+def test_any_layout_of_the_cameras_is_completed_in_place(text, edited):
+    assert with_offsets(text, [0.25, -1.5], Path("capture.toml")) == edited
+
+
+@pytest.mark.parametrize(
+    ("text", "words"), [("[[camera]]\n", "1 cameras, and offsets were found for 2"), ("[[camera", "is not valid TOML")]
+)
+def test_a_file_that_was_changed_meanwhile_is_refused(text, words):
+    with pytest.raises(InputError, match=rf"^capture\.toml .*{words}"):
+        with_offsets(text, [0.25, -1.5], Path("capture.toml"))
 
 
 def test_what_no_longer_fits_is_said(films):
