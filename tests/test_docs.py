@@ -33,8 +33,8 @@ def code_of(file: str, first_line: str) -> str:
 
 
 def quick_start(capture: str) -> str:
-    """The README's program in Python, on another capture."""
-    block = code_of("README.md", "import jaxmocap").replace('"plaza"', repr(capture))
+    """The program of the reference, on another capture."""
+    block = code_of("docs/reference.md", "import jaxmocap").replace('"plaza"', repr(capture))
     assert "jm.track(" in block
     return block
 
@@ -57,11 +57,11 @@ def motion(shown) -> Motion:
 
 
 @pytest.mark.slow
-def test_the_quick_start_of_the_readme_tracks(tmp_path, monkeypatch):
+def test_the_steps_of_the_reference_track(tmp_path, monkeypatch):
     folder = write_capture(make_capture(3, (320, 180)), tmp_path / "capture")
     monkeypatch.chdir(tmp_path)
     names = {}
-    exec(compile(quick_start(str(folder)), "README.md", "exec"), names)
+    exec(compile(quick_start(str(folder)), "docs/reference.md", "exec"), names)
     assert len(names["motion"]) == 3
     assert Motion.load("result").frames.tolist() == [0, 1, 2]
 
