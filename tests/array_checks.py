@@ -18,7 +18,7 @@ _CHECK_THEIR_OWN = {
     # These say in a sentence what is wrong with an array, and their tests read that sentence.
     "jaxmocap.motion._motion.Motion.__init__",
     "jaxmocap.metrics._markers.marker_error",
-    "jaxmocap.metrics._masks.silhouette_iou",
+    "jaxmocap.metrics._surface.silhouette_iou",
     # These broadcast.
     "jaxmocap.geometry._plucker.pluecker_line",
 }

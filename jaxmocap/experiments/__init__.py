@@ -2,7 +2,6 @@
 
 from ._batched import BatchedSearch as BatchedSearch, SearchBatch as SearchBatch
 from ._bench import Benchmark as Benchmark, bench as bench, summary_lines as summary_lines
-from ._curves import error_curves as error_curves
 from ._gate import (
     Figure as Figure,
     complaints as complaints,
@@ -20,7 +19,7 @@ from ._paper import (
     without as without,
 )
 from ._perform import perform as perform
-from ._report import write_report as write_report
+from ._report import error_curves as error_curves, write_report as write_report
 from ._run import Inputs as Inputs, Run as Run, Trial as Trial
 from ._sensitivity import Sensitivity as Sensitivity, newton as newton, sensitivity as sensitivity
 from ._statistics import (
@@ -36,6 +35,12 @@ from ._suite import (
     film as film,
     story as story,
 )
-from ._summary_tables import Table as Table, tables_of as tables_of
 from ._sweep import read_record as read_record, sweep as sweep
-from ._table import COLUMNS as COLUMNS, rows_of as rows_of, write_frames as write_frames, write_table as write_table
+from ._tables import (
+    COLUMNS as COLUMNS,
+    Table as Table,
+    rows_of as rows_of,
+    tables_of as tables_of,
+    write_frames as write_frames,
+    write_table as write_table,
+)

@@ -15,7 +15,7 @@ from ._report import write_report
 from ._run import Inputs, Run, Trial
 from ._suite import CaptureSpec, film
 from ._sweep import CAPTURES, Report, sweep
-from ._table import Row, rows_of, write_frames, write_table
+from ._tables import Row, rows_of, write_frames, write_table
 
 _PICTURED = 12
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxmocap._files import write_json
 from jaxmocap._results import InputError
 
-from ._table import Row
+from ._tables import Row
 
 Figure = dict[str, object]
 _TOLERANCE = 0.1

@@ -1,22 +1,33 @@
-"""One evaluation of a result against the truth of its capture."""
+"""One evaluation of a result against the truth of its capture, and its table for the terminal."""
 
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from rich.table import Table
 
 from jaxmocap._results import InputError
 from jaxmocap.geometry import IDENTITY, Similarity, align_cameras, camera_residuals
 from jaxmocap.motion import Motion
 
-from ._foot_skate import foot_skate
-from ._joints import Joints, jitter, joint_errors
-from ._markers import marker_error
-from ._statistics import joint_statistics, marker_statistics
+from ._joints import Joints, joint_errors, joint_statistics
+from ._markers import marker_error, marker_statistics
+from ._motion_quality import foot_skate, jitter
 from ._truth import Truth
 
 REGIONS = (0.5, 0.9, 0.99)
 """Shares of the truth that the regions of a motion's uncertainty should hold."""
+
+_ROWS = (
+    ("marker_error_cm", "Markers"),
+    ("marker_error_offset_corrected_cm", "Markers, constant offsets removed"),
+    ("marker_error_realigned_cm", "Markers, realigned once (not the paper's)"),
+    ("joint_error_cm", "Joints"),
+    ("joint_error_offset_corrected_cm", "Joints, constant offsets removed"),
+)
+_SINGLE = (("mpjpe_root_aligned_cm", "Joints, root-aligned"), ("pa_mpjpe_cm", "Joints, after Procrustes"))
+_COLUMNS = ("mean", "min", "max", "p95")
 
 
 def evaluate(
@@ -60,6 +71,22 @@ def evaluate(
     if seconds is not None:
         scores["seconds_per_frame"] = float(seconds)
     return scores | alignment
+
+
+def evaluation_table(scores: Mapping[str, Any], title: str = "Evaluation") -> Table:
+    """Lay out what `evaluate` returned for `rich.print`: a row per error in centimetres, the rest in the caption."""
+    table = Table(title=title, caption=_caption(scores), caption_justify="left")
+    table.add_column("Error in cm")
+    for column in _COLUMNS:
+        table.add_column(column, justify="right")
+    for key, label in _ROWS:
+        if key in scores:
+            values = scores[key]
+            table.add_row(label, *(f"{values[column]:.2f}" if column in values else "" for column in _COLUMNS))
+    for key, label in _SINGLE:
+        if key in scores:
+            table.add_row(label, f"{scores[key]:.2f}", "", "", "")
+    return table
 
 
 def _alignment(truth: Truth, motion: Motion) -> tuple[Similarity, dict[str, Any]]:
@@ -121,3 +148,22 @@ def _joint_scores(motion: Motion, truth: Truth, joints: Joints, placed: Similari
     if np.isfinite(errors.acceleration).any():
         scores["acceleration_error_m_per_s2"] = float(np.nanmean(errors.acceleration))
     return scores
+
+
+def _caption(scores: Mapping[str, Any]) -> str:
+    parts = [f"{scores['frames']} frames, {scores['lost_frames']} lost"]
+    if "seconds_per_frame" in scores:
+        parts.append(f"{scores['seconds_per_frame']:.2f} s per frame")
+    if "frames_without_truth" in scores:
+        parts.append(f"{scores['frames_without_truth']} more without truth")
+    if "joints_scored" in scores:
+        parts.append(f"joints scored: {', '.join(scores['joints_scored'])}")
+    if scores.get("joints_left_out"):
+        left_out = ", ".join(f"{name} {error:.2f} cm" for name, error in scores["joints_left_out"].items())
+        parts.append(f"left out of the mean: {left_out}")
+    if "uncertainty_coverage" in scores:
+        held = ", ".join(f"{region}: {100 * share:.0f}%" for region, share in scores["uncertainty_coverage"].items())
+        parts.append(f"true joints in their regions of {held}")
+    if "aligned_by" in scores:
+        parts.append(f"aligned by {scores['aligned_by']}")
+    return "; ".join(parts)

@@ -12,6 +12,8 @@ from jaxmocap._results import InputError
 from jaxmocap.geometry import IDENTITY, Similarity, fit_similarity
 from jaxmocap.motion import Motion
 
+from ._motion_quality import accelerations
+
 _LIMBS = tuple(f"{side}_{part}" for side in "lr" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
 COMPARABLE = ("neck", *_LIMBS)
 """Joints that every rig and detector puts in nearly the same place. The others are points along the trunk or on the
@@ -116,26 +118,10 @@ def joint_errors(
     )
 
 
-def accelerations(
-    positions: Float[np.ndarray, "frame joint 3"], timestamps: Float[np.ndarray, " frame"]
-) -> Float[np.ndarray, "inner joint 3"]:
-    """Second divided differences at inner frames, m/s^2; frames need not be evenly spaced."""
-    if len(positions) < 3:
-        return np.zeros((0, *positions.shape[1:]))
-    interval = np.diff(timestamps)[:, None, None]
-    velocity = np.diff(positions, axis=0) / interval
-    return 2 * np.diff(velocity, axis=0) / (interval[1:] + interval[:-1])
-
-
-def jitter(motion: Motion, scale: float = 1.0) -> dict[str, float]:
-    """Mean and 95th percentile of the joints' accelerations, m/s^2, in a world of `scale` metres per unit.
-
-    Less is smoother, not better: `JointErrors.acceleration` compares with the truth.
-    """
-    values = scale * _lengths(accelerations(motion.joints.astype(np.float64), motion.timestamps))
-    if values.size == 0:
-        return {"mean": 0.0, "p95": 0.0}
-    return {"mean": float(values.mean()), "p95": float(np.percentile(values, 95))}
+def joint_statistics(distances: Float[np.ndarray, "frame joint"]) -> dict[str, float]:
+    """Mean, 95th percentile and maximum over single points, centimetres."""
+    points = distances[np.isfinite(distances)] * 100
+    return {"mean": float(points.mean()), "p95": float(np.percentile(points, 95)), "max": float(points.max())}
 
 
 def _joints_to_compare(ours: Sequence[str], theirs: Sequence[str], wanted: Joints) -> tuple[str, ...]:

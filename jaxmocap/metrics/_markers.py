@@ -10,7 +10,6 @@ from jaxmocap.character import Character
 from jaxmocap.geometry import IDENTITY, Similarity, fit_similarity
 from jaxmocap.motion import Motion
 
-from ._statistics import frame_means
 from ._surface import nearest_on_surface, surface_points, triangle_frames
 from ._truth import sample
 
@@ -80,6 +79,27 @@ def marker_error(
         offset_corrected=_spread(np.linalg.norm(local - constant, axis=-1).T, attached, markers.shape[1], np.nan).T,
         realigned=_spread(np.linalg.norm(moved - points, axis=-1).T, attached, markers.shape[1], np.nan).T,
     )
+
+
+def marker_statistics(distances: Float[np.ndarray, "frame marker"]) -> dict[str, float]:
+    """Give the paper's figures, centimetres: mean, min and max over frames of the mean over visible markers; `p95` over
+    single points."""
+    per_frame = frame_means(distances)
+    per_frame = per_frame[np.isfinite(per_frame)] * 100
+    return {
+        "mean": float(per_frame.mean()),
+        "min": float(per_frame.min()),
+        "max": float(per_frame.max()),
+        "p95": float(np.percentile(distances[np.isfinite(distances)], 95) * 100),
+    }
+
+
+def frame_means(distances: Float[np.ndarray, "frame point"]) -> Float[np.ndarray, " frame"]:
+    """The mean over finite points of each frame, NaN where a frame has none."""
+    finite = np.isfinite(distances)
+    count = finite.sum(1)
+    total = np.where(finite, distances, 0.0).sum(1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _first_mesh(character: Character, motion: Motion) -> np.ndarray:

@@ -1,7 +1,7 @@
-"""Points fixed to a moving surface."""
+"""Points fixed to a moving surface, and the agreement of silhouettes."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 _POINTS_AT_ONCE = 16
 
@@ -58,6 +58,18 @@ def triangle_frames(corners: Float[np.ndarray, "*frame marker 3 3"]) -> Float[np
     first = _unit(corners[..., 1, :] - corners[..., 0, :])
     normal = _unit(np.cross(first, corners[..., 2, :] - corners[..., 0, :]))
     return np.stack([first, np.cross(normal, first), normal], axis=-1)
+
+
+def silhouette_iou(a: Bool[np.ndarray, "height width"], b: Bool[np.ndarray, "height width"]) -> float:
+    """Divide the intersection of two masks by their union; 1 where both are empty.
+
+    Masks of different sizes are a `ValueError`.
+    """
+    a, b = np.asarray(a, bool), np.asarray(b, bool)
+    if a.shape != b.shape:
+        raise ValueError(f"masks have shapes {a.shape} and {b.shape}")
+    union = np.count_nonzero(a | b)
+    return np.count_nonzero(a & b) / union if union else 1.0
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

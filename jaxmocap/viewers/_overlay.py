@@ -1,18 +1,22 @@
-"""The tracked body drawn over an image: shaded, half transparent mesh, silhouette contour, skeleton, verdict."""
+"""Drawn over an image: the tracked body as a shaded, half transparent mesh with contour, skeleton and verdict; a mask.
+
+Which face is seen in each pixel is found by the painter's algorithm on the host: quick, and good enough to look at.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
-from ._faces import paint_face_ids, to_pixels
-
+_NEAR = 0.05  # metres before the camera; nearer points are not drawn
+_SHIFT = 4  # fractional bits of OpenCV's drawing coordinates
 _LIGHT = np.array([-0.35, -0.6, -0.72])  # towards the light, in the camera's frame: from above, behind the camera
 _AMBIENT = 0.35
 _COLOURS = {"ok": (70, 170, 255), "doubtful": (255, 160, 30), "lost": (235, 60, 60)}
 _CONTOUR = (255, 255, 255)
+_MASK_OUTLINE = (255, 230, 40)
 _SURE, _UNSURE = np.array([60.0, 230.0, 110.0]), np.array([255.0, 60.0, 50.0])
 _SPINE = (("pelvis", "spine"), ("spine", "thorax"), ("thorax", "neck"), ("neck", "head"), ("head", "nose"))
 _ARM = (("neck", "l_shoulder"), ("l_shoulder", "l_elbow"), ("l_elbow", "l_wrist"))
@@ -64,6 +68,23 @@ def draw_overlay(
     return drawn
 
 
+def draw_mask(
+    image: UInt8[np.ndarray, "height width 3"], mask: Bool[np.ndarray, "height width"]
+) -> UInt8[np.ndarray, "height width 3"]:
+    """A copy of an RGB image, half dark outside the mask, with its outline."""
+    drawn = np.where(mask[..., None], image, image // 2)
+    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(drawn, outlines, -1, _MASK_OUTLINE, 1)
+    return drawn
+
+
+def jpeg_bytes(image: UInt8[np.ndarray, "height width 3"], quality: int = 85) -> bytes:
+    """Encode an RGB picture as JPEG, for pages that hold their pictures."""
+    done, data = cv2.imencode(".jpg", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    assert done
+    return data.tobytes()
+
+
 def bone_indices(names: Sequence[str]) -> Int[np.ndarray, "bone 2"]:
     """Which joints the drawn bones join, of those that have a name."""
     return np.array([[names.index(a), names.index(b)] for a, b in _BONES if a in names and b in names])
@@ -83,6 +104,46 @@ def contact_sheet(
         top, left = index // columns * (height + gap), index % columns * (width + gap)
         sheet[top : top + image.shape[0], left : left + image.shape[1]] = image
     return sheet
+
+
+def to_pixels(
+    points: Float[np.ndarray, "point 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    cam_from_world: Float[np.ndarray, "4 4"],
+) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
+    """Pinhole projection in NumPy: pixels (centre of the first at 0.5) and depth, metres. Behind the camera: NaN."""
+    in_camera = np.asarray(points, np.float64) @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
+    depth = in_camera[:, 2]
+    safe = np.where(depth > _NEAR, depth, np.nan)
+    return (in_camera @ intrinsics.T)[:, :2] / safe[:, None], depth
+
+
+def paint_face_ids(
+    vertices: Float[np.ndarray, "vertex 3"],
+    faces: Int[np.ndarray, "face 3"],
+    intrinsics: Float[np.ndarray, "3 3"],
+    cam_from_world: Float[np.ndarray, "4 4"],
+    size: tuple[int, int],
+) -> Int[np.ndarray, "height width"]:
+    """Face numbers (-1 where empty) of an image of `size` (width, height), faces painted from far to near.
+
+    Faces that reach behind the camera are left out. Where faces of a surface interleave in depth the order of their
+    centres decides; use `jaxmocap.render.face_ids` for exact visibility.
+    """
+    pixels, depth = to_pixels(vertices, intrinsics, cam_from_world)
+    width, height = size
+    corners = pixels[faces]
+    low, high = corners.min(axis=1), corners.max(axis=1)  # NaN compares false below
+    drawn = (high > 0).all(1) & (low < [width, height]).all(1)
+    drawn &= (np.abs(corners) < 2**14).all(axis=(1, 2))
+    order = np.flatnonzero(drawn)
+    order = order[np.argsort(-depth[faces[order]].mean(axis=1), kind="stable")]
+    # OpenCV fills a polygon and its outline, half a pixel too much all round; integer pixel centres, ours are at 0.5.
+    quantised = np.round((corners[order] - 0.5) * (1 << _SHIFT)).astype(np.int32)
+    ids = np.zeros((height, width), np.int32)
+    for number, triangle in zip((order + 1).tolist(), quantised, strict=True):
+        cv2.fillConvexPoly(ids, triangle, number, cv2.LINE_8, _SHIFT)
+    return ids - 1
 
 
 def face_colours(

@@ -13,7 +13,7 @@ from jaxmocap._results import InputError
 from jaxmocap.capture import Capture, FrameReader, VideoIndex, index_video
 from jaxmocap.motion import Motion
 
-from ._overlay_video import overlay_frames
+from ._video import overlay_frames
 
 _BUDGET = 6_000_000  # bytes of all pictures together; as text they are a third larger
 _SIZES = ((800, 72), (640, 66), (512, 60), (400, 55))  # longest side in pixels, WebP quality

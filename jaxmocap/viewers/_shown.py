@@ -15,7 +15,7 @@ from jaxmocap.metrics import Truth
 from jaxmocap.motion import Motion
 
 from ._overlay import bone_indices
-from ._overlay_video import positions_in_capture
+from ._video import positions_in_capture
 
 _IMAGE_SIDE = 640  # pixels of the longer side; enough to look at, quick to send
 
