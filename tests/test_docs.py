@@ -15,7 +15,7 @@ from jaxmocap import exporters, samplers
 from jaxmocap.appearance import AppearanceSettings, GridSettings
 from jaxmocap.capture import Capture
 from jaxmocap.character import rest_pose, skin
-from jaxmocap.character._dof_table import joint_dofs
+from jaxmocap.character._dof_table import human_table
 from jaxmocap.energies import Region, SearchEnergy, body_part, prepare_base, score_particles
 from jaxmocap.motion import Motion
 from jaxmocap.observation import build_problem, observe, place_rectangle, projected_box, surface_of
@@ -166,7 +166,7 @@ def test_the_table_of_degrees_of_freedom_is_the_code_s():
     rows = re.findall(r"^\| `(\w+)` \| (\w+) \| (.+?) \| (-?\d+) to (-?\d+) \|$", text, re.MULTILINE)
     expected = [
         (dof.name, dof.joint, dof.positive, f"{dof.lower:g}", f"{dof.upper:g}")
-        for dof in joint_dofs("cmu7")
+        for dof in human_table("cmu7").dofs
         if not dof.name.startswith("r_")
     ]
     assert rows == expected

@@ -80,6 +80,13 @@ class KeypointTriangulation(Baseline):
         landmarks = LandmarkPoints(jnp.asarray(mix), jnp.asarray(target), jnp.asarray(weight))
         prior = free_prior(worker.character, start, self.smoothness)
         delta, _ = descend(
-            worker.character, start, jnp.zeros(39), (), (landmarks,), prior, Shooting(), steps=self.steps
+            worker.character,
+            start,
+            jnp.zeros(worker.character.skeleton.num_dofs),
+            (),
+            (landmarks,),
+            prior,
+            Shooting(),
+            steps=self.steps,
         )
         return clamp(skeleton, retract(skeleton, start, delta))

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
 from jaxmocap._types import Knob, Quality, knob
+from jaxmocap.character import human_table, is_limb
 from jaxmocap.samplers import (
     AbstractSampler,
     AbstractState,
@@ -29,9 +30,10 @@ def local_only(quality: Quality = "normal") -> Tracker:
 
 
 def _whole(plan: SearchPlan) -> dict:
-    """The settings of a search of the whole body that may score as many particles as this plan does group by group."""
-    groups = [6, 7, 7, 7, 6, 6]
-    counts = [plan.count(dofs, plan.trunk if number < 2 else 1.0) for number, dofs in enumerate(groups)]
+    """The settings of a search of the whole body that may score as many particles as this plan does group by group on
+    the usual skeleton of a person."""
+    groups = human_table().groups
+    counts = [plan.count(len(dofs), 1.0 if is_limb(name) else plan.trunk) for name, dofs in groups]
     return {"stages": plan.stages, "particles": sum(counts), "spread": plan.spread, "groups": "whole"}
 
 
@@ -55,7 +57,7 @@ class AnnealedParticlePlan(SearchPlan):
 
 
 def annealed_particle_filter(quality: Quality = "normal") -> Tracker:
-    """Annealed particle filter on Eq. 5: all 39 degrees of freedom at once, from the last pose with process noise, the
+    """Annealed particle filter on Eq. 5: all degrees of freedom at once, from the last pose with process noise, the
     answer being the weighted mean; no optical flow and no refinement.
 
     Its budget is that of the preset's search. Between frames the particles are handed on as their mean, since after the
@@ -161,7 +163,7 @@ class CovarianceMatrixPlan(SearchPlan):
 
 
 def covariance_matrix_adaptation(quality: Quality = "normal") -> Tracker:
-    """CMA-ES on Eq. 5 over all 39 degrees of freedom at once, in place of the hierarchical annealing and with its
+    """CMA-ES on Eq. 5 over all degrees of freedom at once, in place of the hierarchical annealing and with its
     budget; flow start and refinement are the tracker's."""
     preset = Tracker.preset(quality)
     assert preset.search is not None

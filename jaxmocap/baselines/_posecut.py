@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
-from jaxmocap.character import Character, Pose, Skeleton, clamp, initial_spread, landmark_positions, retract
+from jaxmocap.character import Character, Pose, Skeleton, clamp, landmark_positions, retract
 from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle
 
 from ._colour_histograms import ColourHistograms, selected_histograms
@@ -104,7 +104,7 @@ class PoseCut(Baseline):
         self, worker: Follower, shown: FrameImages, problem: FrameProblem, rectangle: Rectangle, start: Pose
     ) -> Pose:
         skeleton, energy = worker.character.skeleton, self.energy(worker, shown, rectangle, start)
-        unit, found = initial_spread(worker.character), np.zeros(39)
+        unit, found = skeleton.initial_spread, np.zeros(skeleton.num_dofs)
         low = np.concatenate([-np.array(_ROOT_REACH), np.asarray(skeleton.lower - start.angles)])
         high = np.concatenate([np.array(_ROOT_REACH), np.asarray(skeleton.upper - start.angles)])
         low, high = np.minimum(np.maximum(low, -4 * unit), 0.0), np.maximum(np.minimum(high, 4 * unit), 0.0)
@@ -128,7 +128,7 @@ class PoseCut(Baseline):
         return clamp(skeleton, retract(skeleton, start, jnp.asarray(found, jnp.float32)))
 
     def energy(self, worker: Follower, shown: FrameImages, rectangle: Rectangle, pose: Pose):
-        """A function of increments (39,) of a pose: the sum over the views of the smallest cut, nats per pixel."""
+        """A function of increments (dof,) of a pose: the sum over the views of the smallest cut, nats per pixel."""
         figure, histograms = worker.memory
         view = worker.cameras.at(shown.frame)
         step = int(np.ceil(np.sqrt(rectangle.height * rectangle.width / self.pixels)))

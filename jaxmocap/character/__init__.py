@@ -13,10 +13,20 @@ from ._body_shape import (
     bone_lengths as bone_lengths,
     scaled as scaled,
 )
-from ._build import angles_at_rest as angles_at_rest, build_skeleton as build_skeleton
+from ._build import (
+    angles_at_rest as angles_at_rest,
+    build_skeleton as build_skeleton,
+    search_hints as search_hints,
+    skeleton_of as skeleton_of,
+)
 from ._capsules import Capsules as Capsules, capsules as capsules
 from ._character import Character as Character
-from ._dof_table import BODIES as BODIES
+from ._dof_table import (
+    BODIES as BODIES,
+    SkeletonTable as SkeletonTable,
+    human_table as human_table,
+    known_dofs as known_dofs,
+)
 from ._glb_buffer import GlbBuffer as GlbBuffer, glb_bytes as glb_bytes
 from ._gltf import Document as Document, has_skin as has_skin
 from ._jacobian import points_and_jacobian as points_and_jacobian, taylor_skin as taylor_skin
@@ -30,7 +40,6 @@ from ._limbs import (
     dominant_bodies as dominant_bodies,
     group_bodies as group_bodies,
     initial_spread as initial_spread,
-    limb_names as limb_names,
     outer_halves as outer_halves,
 )
 from ._map_joints import Source as Source
@@ -48,8 +57,8 @@ from ._pose import (
     retract_root_twist as retract_root_twist,
     with_limb as with_limb,
 )
-from ._read_skin import RawSkin as RawSkin
+from ._read_skin import RawSkin as RawSkin, read_skin as read_skin
 from ._rest_frame import rest_frame as rest_frame
 from ._rig import Rig as Rig, read_rig as read_rig, rig_of as rig_of
 from ._simplify import simplify as simplify
-from ._skeleton import Skeleton as Skeleton
+from ._skeleton import ROOT_DOFS as ROOT_DOFS, Skeleton as Skeleton, is_limb as is_limb

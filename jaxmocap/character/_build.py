@@ -1,6 +1,7 @@
 """From joint positions to a `Skeleton`: the neutral body's axes carried to the rest pose the mesh was made in."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,10 +10,10 @@ from jaxtyping import Float
 
 from jaxmocap._results import InputError
 
-from ._dof_table import ARMS, BODIES, LANDMARKS, ROOT, Arm, Dof, joint_dofs
+from ._dof_table import ARMS, ROOT, ROOT_SPREAD, Arm, Dof, SkeletonTable, human_table
 from ._place_missing import complete_joints
 from ._rest_angles import rest_angles
-from ._skeleton import Skeleton
+from ._skeleton import ROOT_DOFS, Skeleton
 
 Vector = Float[np.ndarray, "3"]
 _SLACK = np.radians(5.0)
@@ -30,36 +31,49 @@ def build_skeleton(joints: Mapping[str, Vector], arm: Arm = "cmu7") -> Skeleton:
     """
     if arm not in ARMS:
         raise InputError(f"arm={arm!r} is not a known arm layout; choose one of {', '.join(ARMS)}.")
-    places = complete_joints(joints)
-    dofs = joint_dofs(arm)
-    angles, segments = rest_angles(places)
+    return skeleton_of(human_table(arm), complete_joints(joints))
+
+
+def skeleton_of(table: SkeletonTable, places: Mapping[str, Vector]) -> Skeleton:
+    """The skeleton of a table whose landmarks rest at `places`, metres in the rest frame."""
+    angles, segments = rest_angles({name: places[name] for name, _ in table.landmarks})
+    dofs, names = table.dofs, [body for body, _, _ in table.bodies]
     at_rest = np.array([angles.get(dof.name, 0.0) for dof in dofs])
     lower = np.minimum(np.radians([dof.lower for dof in dofs]) - at_rest, -_SLACK)
     upper = np.maximum(np.radians([dof.upper for dof in dofs]) - at_rest, _SLACK)
-    names = [body for body, _, _ in BODIES]
-    parents = tuple(names.index(parent) if parent else -1 for _, parent, _ in BODIES)
     return Skeleton(
         body_names=tuple(names),
-        parents=parents,
+        parents=tuple(names.index(parent) if parent else -1 for _, parent, _ in table.bodies),
         dof_names=ROOT + tuple(dof.name for dof in dofs),
         dof_body=tuple(names.index(dof.body) for dof in dofs),
-        groups=_groups(dofs),
-        landmark_names=tuple(name for name, _ in LANDMARKS),
-        landmark_bodies=tuple(names.index(body) for _, body in LANDMARKS),
+        groups=table.groups,
+        **search_hints(dofs),
+        landmark_names=tuple(name for name, _ in table.landmarks),
+        landmark_bodies=tuple(names.index(body) for _, body in table.landmarks),
         axes=_array([_axis(dof, segments) for dof in dofs]),
         origins=_array([places[dof.joint] for dof in dofs]),
         lower=_array(lower),
         upper=_array(upper),
-        landmarks=_array([places[name] for name, _ in LANDMARKS]),
+        landmarks=_array([places[name] for name, _ in table.landmarks]),
     )
 
 
-def angles_at_rest(skeleton: Skeleton) -> Float[np.ndarray, " dof"]:
+def search_hints(dofs: Iterable[Dof]) -> dict[str, Any]:
+    """The fields of a `Skeleton` that tell a search how to treat these joint degrees of freedom."""
+    numbered = list(enumerate(dofs, start=ROOT_DOFS))
+    return {
+        "dof_spread": ROOT_SPREAD + tuple(float(np.deg2rad(dof.spread)) for _, dof in numbered),
+        "distal": tuple(number for number, dof in numbered if dof.distal),
+        "posture": tuple(number for number, dof in numbered if dof.posture),
+    }
+
+
+def angles_at_rest(skeleton: Skeleton) -> Float[np.ndarray, " angle"]:
     """The joint angles of the rest pose itself, measured from the neutral body of the table (arms straight out to the
     sides, palms down, legs straight), radians: what is to be added to a pose's angles to compare two actors."""
     places = dict(zip(skeleton.landmark_names, np.asarray(skeleton.landmarks, np.float64), strict=True))
     angles, _ = rest_angles(places)
-    return np.array([angles.get(name, 0.0) for name in skeleton.dof_names[len(ROOT) :]])
+    return np.array([angles.get(name, 0.0) for name in skeleton.angle_names])
 
 
 def _axis(dof: Dof, segments: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -69,10 +83,3 @@ def _axis(dof: Dof, segments: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def _array(values: object) -> jnp.ndarray:
     return jax.device_put(np.asarray(values, dtype=jnp.result_type(float)))
-
-
-def _groups(dofs: tuple[Dof, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
-    members: dict[str, tuple[int, ...]] = {"root": tuple(range(len(ROOT)))}
-    for index, dof in enumerate(dofs, start=len(ROOT)):
-        members[dof.group] = (*members.get(dof.group, ()), index)
-    return tuple(members.items())

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ._character import Character
-from ._dof_table import BODIES
 
 _CENTRE = {"pelvis": ("l_hip", "r_hip"), "abdomen": ("spine", "thorax"), "chest": ("thorax", "neck")}
 _SIDE = {
@@ -34,22 +33,25 @@ def capsules(character: Character) -> Capsules:
 
     Half of a limb's skin lies within its radius, whatever folds a sleeve has. The bone goes from joint to joint; head,
     hands and feet, which end without one, have theirs in the middle of their skin, as long as it is. A body that
-    dominates no skin has radius 0. Nothing is stored: whatever changes the mesh or the proportions changes the radii.
+    dominates no skin has radius 0; one whose ends the skeleton does not name is a sphere about its joint. Nothing is
+    stored: whatever changes the mesh or the proportions changes the radii.
     """
     vertices = np.asarray(character.vertices, np.float64)
     owner, area = np.asarray(character.weights).argmax(axis=1), _areas(vertices, np.asarray(character.faces))
-    starts, ends, radii = np.zeros((len(BODIES), 3)), np.zeros((len(BODIES), 3)), np.zeros(len(BODIES))
-    for number, (body, _, joint) in enumerate(BODIES):
+    skeleton = character.skeleton
+    joints = skeleton.joints.astype(np.float64)
+    starts, ends, radii = joints.copy(), joints.copy(), np.zeros(len(joints))
+    for number, body in enumerate(skeleton.body_names):
         side, part = (body[:2], body[2:]) if body[:2] in ("l_", "r_") else ("", body)
-        free = part in _ALONG
-        pair = _ALONG[part] if free else (_SIDE[part] if side else _CENTRE[part])
-        a, b = (np.asarray(character.skeleton.landmark(_sided(name, side)), np.float64) for name in pair)
+        pair = _ALONG.get(part) or (_SIDE if side else _CENTRE).get(part, ())
+        pair = [_sided(name, side) for name in pair if _sided(name, side) in skeleton.landmark_names]
         skin, size = vertices[owner == number], area[owner == number]
-        starts[number] = ends[number] = np.asarray(character.skeleton.landmark(joint))
-        if len(skin) and free:
-            starts[number], ends[number], radii[number] = _around(skin, size, b - a)
+        if len(skin) and len(pair) < 2:
+            radii[number] = _radius(skin, size, joints[number], joints[number])
         elif len(skin):
-            starts[number], ends[number], radii[number] = a, b, _radius(skin, size, a, b)
+            a, b = (np.asarray(skeleton.landmark(name), np.float64) for name in pair)
+            capsule = _around(skin, size, b - a) if part in _ALONG else (a, b, _radius(skin, size, a, b))
+            starts[number], ends[number], radii[number] = capsule
     return Capsules(starts, ends, radii)
 
 

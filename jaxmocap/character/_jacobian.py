@@ -20,7 +20,7 @@ def points_and_jacobian(
 
     Column of joint DoF j: `w'_j x u_j + s_j v'_j`, with `(v'_j, w'_j)` its twist carried to the current pose and `u_j`,
     `s_j` the sums of `omega_i T_i v0` and `omega_i` over the bodies i that j moves. Rest points (N, 3) in metres,
-    weights (N, 18); a joint is a point with one weight of 1.
+    weights (N, bone); a joint is a point with one weight of 1.
     """
     bodies = chain(skeleton, pose)
     carried = jnp.einsum("bij,nj->nbi", bodies.rotations, points, precision="highest") + bodies.translations

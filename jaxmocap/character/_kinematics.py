@@ -18,12 +18,12 @@ from ._skeleton import Skeleton
 
 
 class Chain(NamedTuple):
-    """Rotations and translations, world from rest, of every body, and those just before every joint DoF."""
+    """Rotations and translations, world from rest, of every body, and those just before every joint angle."""
 
     rotations: Float[Array, "bone 3 3"]
     translations: Float[Array, "bone 3"]
-    before_rotations: Float[Array, "dof 3 3"]
-    before_translations: Float[Array, "dof 3"]
+    before_rotations: Float[Array, "angle 3 3"]
+    before_translations: Float[Array, "angle 3"]
 
 
 def chain(skeleton: Skeleton, pose: Pose) -> Chain:

@@ -15,19 +15,22 @@ _LATERAL_ARM = np.sin(np.radians(20.0))  # closer to sideways than this, flexion
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 _X, _Y, _Z = np.eye(3)
 
+_ARM, _LEG = {"shoulder", "elbow", "wrist"}, {"hip", "knee", "ankle"}
+
 Frames = dict[str, np.ndarray]
 
 
 def rest_angles(places: Mapping[str, np.ndarray]) -> tuple[dict[str, float], Frames]:
     """Angles (radians) of the rest pose by DoF name, and the rotation, neutral to rest, before each DoF.
 
-    Names absent from the result are zero angles and identity rotations.
+    Names absent from the result are zero angles and identity rotations, those of limbs without places among them.
     """
     angles: dict[str, float] = {}
     frames: Frames = {}
     for side, mirror in (("l", np.eye(3)), ("r", _MIRROR)):
         at = {name[2:]: mirror @ place for name, place in places.items() if name.startswith(f"{side}_")}
-        for side_angles, side_frames in (_arm(at), _leg(at)):
+        limbs = [limb(at) for limb, joints in ((_arm, _ARM), (_leg, _LEG)) if joints <= at.keys()]
+        for side_angles, side_frames in limbs:
             angles.update({f"{side}_{name}": float(angle) for name, angle in side_angles.items()})
             # A reflection turns rotation R into M R M, which carries the mirrored axis of the table.
             frames.update({f"{side}_{name}": mirror @ frame @ mirror for name, frame in side_frames.items()})

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ._capsules import capsules
-from ._dof_table import BODIES
 from ._glb_buffer import GlbBuffer, glb_bytes
 
 if TYPE_CHECKING:
@@ -14,12 +13,12 @@ if TYPE_CHECKING:
 
 
 def save_glb(character: "Character", path: Path) -> Path:
-    """One mesh, one skin of 18 joints standing at rest, as many sets of four weights as the mesh needs.
+    """One mesh, one skin of a joint per body standing at rest, as many sets of four weights as the mesh needs.
 
     Landmarks, the joints' exact places and a capsule per bone go into the skin's `extras`, which other programs ignore.
     """
     skeleton = character.skeleton
-    joints = np.array([skeleton.landmark(joint) for _, _, joint in BODIES], dtype="<f4")
+    joints = skeleton.joints.astype("<f4")
     inverse_binds = np.tile(np.eye(4, dtype="<f4"), (len(joints), 1, 1))
     inverse_binds[:, 3, :3] = -joints  # glTF matrices are stored by columns
     writer = GlbBuffer()
@@ -35,7 +34,10 @@ def save_glb(character: "Character", path: Path) -> Path:
         "asset": {"version": "2.0", "generator": "jaxmocap"},
         "scene": 0,
         "scenes": [{"nodes": [0, mesh_node]}],
-        "nodes": [*_nodes(joints, skeleton.parents), {"name": character.name, "mesh": 0, "skin": 0}],
+        "nodes": [
+            *_nodes(joints, skeleton.body_names, skeleton.parents),
+            {"name": character.name, "mesh": 0, "skin": 0},
+        ],
         "meshes": [{"name": character.name, "primitives": [{"attributes": attributes, "indices": indices}]}],
         "skins": [
             {
@@ -55,13 +57,13 @@ def _capsules(character: "Character") -> dict[str, dict[str, object]]:
     rows = zip(*(part.round(6).tolist() for part in capsules(character)), strict=True)
     return {
         body: {"start": start, "end": end, "radius": radius}
-        for (body, _, _), (start, end, radius) in zip(BODIES, rows, strict=True)
+        for body, (start, end, radius) in zip(character.skeleton.body_names, rows, strict=True)
     }
 
 
-def _nodes(joints: np.ndarray, parents: tuple[int, ...]) -> list[dict[str, object]]:
+def _nodes(joints: np.ndarray, names: tuple[str, ...], parents: tuple[int, ...]) -> list[dict[str, object]]:
     nodes: list[dict[str, object]] = []
-    for number, (name, _, _) in enumerate(BODIES):
+    for number, name in enumerate(names):
         origin = joints[parents[number]] if parents[number] >= 0 else np.zeros(3, "<f4")
         node: dict[str, object] = {"name": name, "translation": (joints[number] - origin).tolist()}
         children = [child for child, parent in enumerate(parents) if parent == number]

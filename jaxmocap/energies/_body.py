@@ -28,7 +28,7 @@ from jaxmocap.render import (
 class BodyPart(eqx.Module):
     """Faces whose vertices depend on the DoFs of one group, with the vertices they use.
 
-    `dofs` are the group's indices into the 39; `moves (face,)` says which faces of the whole mesh the part holds. Rows
+    `dofs` are the group's indices among all; `moves (face,)` says which faces of the whole mesh the part holds. Rows
     may be padded with faces of no area, so that the two arms, and the two legs, share one compiled search.
     """
 
@@ -56,10 +56,7 @@ def body_part(character: Character, dofs: tuple[int, ...], least_faces: int = 0,
     """
     skeleton = character.skeleton
     vertices, weights, faces = map(np.asarray, (character.vertices, character.weights, character.faces))
-    moved = np.ones(len(skeleton.body_names), bool)
-    if min(dofs) >= 6:
-        moved = skeleton.moved_by()[np.array(dofs) - 6].any(0)
-    moves = (weights[:, moved].sum(1) > 0)[faces].any(1)
+    moves = (weights[:, skeleton.bodies_moved_by(dofs)].sum(1) > 0)[faces].any(1)
     if not moves.any():
         raise ValueError(f"no face of the mesh depends on the DoFs {[skeleton.dof_names[d] for d in dofs]}")
     used, local = np.unique(faces[moves], return_inverse=True)

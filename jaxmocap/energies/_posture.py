@@ -6,16 +6,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmocap._types import Knob, knob
-from jaxmocap.character import Pose, Skeleton
+from jaxmocap.character import ROOT_DOFS, Pose, Skeleton
 from jaxmocap.observation import FrameProblem
 
-POSTURE_JOINTS = ("lumbar", "thorax", "neck", "clav")
 
-
-def bend(skeleton: Skeleton, angles: Float[Array, "... joint_dof"]) -> Float[Array, "... joint_dof"]:
+def bend(skeleton: Skeleton, angles: Float[Array, "... angle"]) -> Float[Array, "... angle"]:
     """Angles of spine, neck and collar bones as shares of their limits on the side they bend to; 0 for all others."""
-    names = skeleton.dof_names[6:]
-    counts = jnp.asarray(np.array([any(part in name for part in POSTURE_JOINTS) for name in names], np.float32))
+    counts = jnp.asarray(np.isin(np.arange(ROOT_DOFS, skeleton.num_dofs), skeleton.posture).astype(np.float32))
     limit = jnp.where(angles >= 0, skeleton.upper, -skeleton.lower)
     return counts * angles / jnp.maximum(limit, 0.1)
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from jaxmocap._results import InputError
-from jaxmocap.character import Character, Pose, initial_spread
+from jaxmocap.character import Character, Pose
 from jaxmocap.energies import BodyPart, Region, SearchEnergy, body_part, part_jobs, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import Driver, best_driver
@@ -34,7 +34,7 @@ class _Particles(eqx.Module):
 
     def __call__(self, values: Float[Array, "particle group_dof"]) -> Float[Array, "particle"]:
         s = self.search
-        increments = jnp.zeros((values.shape[0], 39)).at[:, jnp.array(s.dofs)].set(values)
+        increments = jnp.zeros((values.shape[0], s.character.skeleton.num_dofs)).at[:, jnp.array(s.dofs)].set(values)
         scores = score_particles(
             self.energy, s.character, s.part, s.pose, s.problem, s.region, self.base, increments, s.capacity, s.driver
         )
@@ -86,7 +86,7 @@ class SearchBatch(eqx.Module):
         reach = jnp.array([0.5, 0.5, 0.5, 1.2, 1.2, 1.2])
         lower = jnp.concatenate([-reach, skeleton.lower - pose.angles])[jnp.array(dofs)]
         upper = jnp.concatenate([reach, skeleton.upper - pose.angles])[jnp.array(dofs)]
-        spread = jnp.asarray(initial_spread(character)[np.array(dofs)], jnp.float32)
+        spread = jnp.asarray(skeleton.initial_spread[np.array(dofs)], jnp.float32)
         capacity = 2 ** int(np.ceil(np.log2(2 * part.faces.shape[1])))
         posed = part.posed(character, pose)
         needed = [
@@ -129,7 +129,7 @@ def _one(batch: SearchBatch, energy: SearchEnergy, key: PRNGKeyArray):
     )
     start = jnp.zeros(len(b.dofs))
     best, info = run(b.sampler, _Particles(b, energy, base), start, b.spread, b.lower, b.upper, key)
-    return jnp.zeros(39).at[jnp.array(b.dofs)].set(best), info.energy
+    return jnp.zeros(b.character.skeleton.num_dofs).at[jnp.array(b.dofs)].set(best), info.energy
 
 
 @eqx.filter_jit

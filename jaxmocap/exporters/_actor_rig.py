@@ -1,4 +1,4 @@
-"""Which rig a motion is written on: the one its actor came with, or else our own 18 joints."""
+"""Which rig a motion is written on: the one its actor came with, or else our own joints."""
 
 import tempfile
 from pathlib import Path
@@ -10,7 +10,6 @@ from scipy.spatial import KDTree
 
 from jaxmocap._results import InputError
 from jaxmocap.character import (
-    BODIES,
     Character,
     Document,
     RawSkin,
@@ -19,6 +18,7 @@ from jaxmocap.character import (
     parents_first,
     parents_of,
     read_rig,
+    read_skin,
 )
 from jaxmocap.motion import Motion
 
@@ -87,7 +87,7 @@ def _mismatch(character: Character, path: Path) -> str | None:
 
 def _posed(document: Document, motion: Motion, own: bool) -> ActorRig | None:
     """The document's nodes in every frame; None where they cannot be written as translation, rotation and scale."""
-    raw, rig = read_rig(document)
+    raw, rig = read_rig(document) if own else _own_rig(document)
     nodes = document.content["nodes"]
     still = np.stack([local_matrix(node) for node in nodes])
     parents = parents_of(nodes)
@@ -110,13 +110,19 @@ def _posed(document: Document, motion: Motion, own: bool) -> ActorRig | None:
     return ActorRig(document, raw.joint_nodes, np.median(scales, axis=0), rotations, local[..., :3, 3], own, off)
 
 
+def _own_rig(document: Document) -> tuple[RawSkin, Rig]:
+    """The rig of a file that `Character.save_glb` wrote, whatever its skeleton: a joint per body, in their order."""
+    raw = read_skin(document)
+    return raw, Rig(tuple(range(len(raw.joint_names))), raw.place @ np.linalg.inv(raw.inverse_binds), {}, {}, np.eye(3))
+
+
 def _difference(raw: RawSkin, rig: Rig, motion: Motion) -> float:
     """How far vertices of the file, moved by its own joints, lie from the tracked ones at most, metres, in some frames.
     More than rounding only where one joint of the file stands for two of ours, as in a trunk with one joint."""
     character = motion.character
     rest = raw.vertices @ rig.rest_from_file.T
     _, nearest = KDTree(np.asarray(character.vertices, np.float64)).query(rest)
-    weights = raw.weights @ np.eye(len(BODIES))[list(rig.bodies)]
+    weights = raw.weights @ np.eye(len(character.skeleton.body_names))[list(rig.bodies)]
     weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
     wrong = weights - np.asarray(character.weights, np.float64)[nearest]
     frames = np.unique(np.linspace(0, len(motion) - 1, 8).astype(int))

@@ -1,11 +1,10 @@
-"""BVH: a skeleton of 18 joints and their Euler angles."""
+"""BVH: a joint per body and their Euler angles."""
 
 from pathlib import Path
 
 import numpy as np
 
 from jaxmocap._files import write_text
-from jaxmocap.character import BODIES
 from jaxmocap.motion import Motion
 
 from ._euler import best_order, euler_angles
@@ -26,7 +25,7 @@ def write_bvh(motion: Motion, path: Path, form: ExportForm) -> None:
     bodies = motion.body_transforms.astype(np.float64)
     rotations = bodies[:, :, :3, :3] @ upright.T
     skeleton = motion.character.skeleton
-    joints = np.array([np.asarray(skeleton.landmark(joint), np.float64) for _, _, joint in BODIES])
+    joints = skeleton.joints.astype(np.float64)
     pelvis = bodies[:, 0, :3, :3] @ joints[0] + bodies[:, 0, :3, 3]
     columns = [form.per_metre * pelvis]
     lines = ["HIERARCHY"]

@@ -57,7 +57,7 @@ def write_mot(motion: Motion, path: Path, form: ExportForm) -> None:
         "Joint angles are measured from the neutral body: arms straight out to the sides, palms down, legs straight.",
         "",
         "endheader",
-        "\t".join(["time", *_PELVIS, *motion.dof_names[6:]]),
+        "\t".join(["time", *_PELVIS, *motion.character.skeleton.angle_names]),
     ]
     for seconds, row in zip(motion.timestamps, values, strict=True):
         lines.append("\t".join([f"{seconds:.6f}", *(f"{value:.6f}" for value in row)]))

@@ -12,7 +12,7 @@ _EVEN = 0.01
 """Share of the time between two frames by which each may be off an even grid."""
 
 
-def neutral_angles(motion: Motion) -> Float[np.ndarray, "frame 33"]:
+def neutral_angles(motion: Motion) -> Float[np.ndarray, "frame angle"]:
     """Joint angles measured from the neutral body of the table of degrees of freedom, radians: the same for two actors
     in the same posture, whatever pose their meshes rest in."""
     return motion.angles + angles_at_rest(motion.character.skeleton)

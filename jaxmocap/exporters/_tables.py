@@ -54,7 +54,7 @@ def columns(motion: Motion, form: ExportForm) -> dict[str, list[Any]]:
     pelvis = np.degrees(euler_angles(turned(motion, "y").root[:, :3, :3], "YXZ"))
     for name, values in zip(("turn", "tilt", "lean"), pelvis.T, strict=True):
         table[f"pelvis_{name}_deg"] = values.tolist()
-    for name, values in zip(motion.dof_names[6:], np.degrees(neutral_angles(motion)).T, strict=True):
+    for name, values in zip(motion.character.skeleton.angle_names, np.degrees(neutral_angles(motion)).T, strict=True):
         table[f"{name}_deg"] = values.tolist()
     places = form.per_metre * motion.joints.astype(np.float64)
     for joint, name in enumerate(motion.joint_names):

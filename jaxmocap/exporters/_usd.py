@@ -1,4 +1,4 @@
-"""USD: the skinned actor on our 18 joints, its clip, and the cameras as they moved."""
+"""USD: the skinned actor on our own joints, its clip, and the cameras as they moved."""
 
 import importlib
 from pathlib import Path
@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmocap._results import InputError
-from jaxmocap.character import BODIES
 from jaxmocap.motion import Motion
 
 from ._exporter import ExportForm
@@ -80,7 +79,7 @@ def _add_actor(stage: Any, motion: Motion, form: ExportForm, codes: Float[np.nda
     paths: list[str] = []
     for body, parent in enumerate(skeleton.parents):
         paths.append((f"{paths[parent]}/" if parent >= 0 else "") + skeleton.body_names[body])
-    joints = np.array([np.asarray(skeleton.landmark(joint), np.float64) for _, _, joint in BODIES])
+    joints = skeleton.joints.astype(np.float64)
     bodies = motion.body_transforms.astype(np.float64)
     turns = bodies[:, :, :3, :3] @ upright.T
     places = np.einsum("tbij,bj->tbi", bodies[:, :, :3, :3], joints) + bodies[:, :, :3, 3]

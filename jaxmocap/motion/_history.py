@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxmocap.character import Pose, Skeleton, away_from_limits, difference, nearest_equivalent
+from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, away_from_limits, difference, nearest_equivalent
 
 from ._autoregression import predict_difference
 
@@ -29,9 +29,10 @@ class MotionHistory(NamedTuple):
 
     def predicted(self, mode) -> Float[np.ndarray, "dof"]:
         """The increment to the next frame by the autoregression of Eq. 10."""
+        num_dofs = ROOT_DOFS + self.pose.angles.shape[0]
         if not self.increments:
-            return np.zeros(39)
-        window = np.zeros((WINDOW, 39), np.float32)
+            return np.zeros(num_dofs)
+        window = np.zeros((WINDOW, num_dofs), np.float32)
         window[-len(self.increments) :] = np.stack(self.increments)
         return self.steps * np.asarray(predict_difference(jnp.asarray(window), len(self.increments), mode))
 
@@ -40,7 +41,7 @@ class MotionHistory(NamedTuple):
         nothing is known."""
         if not self.increments:
             return 1.0
-        return float(np.clip(np.abs(self.increments[-1][6:]).max() * 0.4 * max(fps, 1e-3), 0.5, 2.0))
+        return float(np.clip(np.abs(self.increments[-1][ROOT_DOFS:]).max() * 0.4 * max(fps, 1e-3), 0.5, 2.0))
 
 
 def after(

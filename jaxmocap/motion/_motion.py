@@ -22,7 +22,7 @@ STATUSES = ("ok", "doubtful", "lost")
 class Motion:
     """The motion of one character over T frames. Arrays are NumPy, read-only; lengths in metres, angles in radians.
 
-    `root` is `world_from_body` and `angles` the 33 joint angles: together the pose of Eq. 2. `frames` are frame numbers
+    `root` is `world_from_body` and `angles` the joint angles: together the pose of Eq. 2. `frames` are frame numbers
     of the first camera's video and `timestamps` their times in seconds since its first frame. `joints` are the
     skeleton's landmarks, named by `joint_names`; `confidence` in [0, 1] is theirs, and `covariance`, when known, that
     of their places, square metres. `energy` holds each term's value per frame, NaN where it was not evaluated. `status`
@@ -36,7 +36,7 @@ class Motion:
 
     character: Character
     root: Float[np.ndarray, "frame 4 4"]
-    angles: Float[np.ndarray, "frame 33"]
+    angles: Float[np.ndarray, "frame angle"]
     frames: Int[np.ndarray, " frame"]
     timestamps: Float[np.ndarray, " frame"]
     joints: Float[np.ndarray, "frame joint 3"]
@@ -120,7 +120,7 @@ class Motion:
 
     @property
     def dof_names(self) -> tuple[str, ...]:
-        """Names of the 39 degrees of freedom in `pose_vectors`."""
+        """Names of the degrees of freedom in `pose_vectors`."""
         return self.character.skeleton.dof_names
 
     @property
@@ -138,12 +138,12 @@ class Motion:
 
     @cached_property
     def pose_vectors(self) -> Float[np.ndarray, "frame dof"]:
-        """Each pose as the 39-vector that `retract` applies to the rest pose; columns are `dof_names`."""
+        """Each pose as the increment that `retract` applies to the rest pose; columns are `dof_names`."""
         return np.asarray(_pose_vectors(self.character.skeleton, self.poses))
 
     @cached_property
     def body_transforms(self) -> Float[np.ndarray, "frame bone 4 4"]:
-        """`world_from_rest` of the 18 bodies in every frame (Eq. 2)."""
+        """`world_from_rest` of the bodies in every frame (Eq. 2)."""
         return np.asarray(_transforms(self.character.skeleton, self.poses))
 
     @property
@@ -212,7 +212,7 @@ def _validate(motion: Motion) -> None:
     frames, joints = len(motion.frames), len(motion.joint_names)
     if frames == 0:
         raise InputError("A motion needs at least one frame; none were given.")
-    expected = {"root": (frames, 4, 4), "angles": (frames, len(motion.character.skeleton.dof_body))}
+    expected = {"root": (frames, 4, 4), "angles": (frames, motion.character.skeleton.num_angles)}
     expected |= {"frames": (frames,), "timestamps": (frames,), "status": (frames,)}
     expected |= {"joints": (frames, joints, 3), "confidence": (frames, joints)}
     arrays: dict[str, np.ndarray] = {name: getattr(motion, name) for name in expected}

@@ -3,20 +3,22 @@
 The seconds that a run took are in `report.json` alone: the same run gives the same `motion.npz`, byte for byte.
 
 `motion.npz`, schema version 1. No pickles: `numpy.load(path, allow_pickle=False)` reads all of it. Axes are T frames,
-D = 39 degrees of freedom, J joints, B = 18 bodies, C cameras. Metres, radians, seconds, pixels.
+D degrees of freedom, the last A of them joint angles, J joints, B bodies (a person: 39, 33 and 18), C cameras. Metres,
+radians, seconds, pixels.
 
     schema_version ()            int, 1
     pose (T, D), dof_names (D,)  translation of the pelvis, world rotation vector about it, joint angles
     root (T, 4, 4)               world_from_body; the identity is the rest pose
-    angles (T, 33)               joint angles, the last 33 of dof_names
+    angles (T, A)                joint angles, the last A of dof_names
     joints (T, J, 3)             world positions; joint_names (J,)
     frames (T,), timestamps (T,) frame numbers of the first camera's video and their times
     status (T,)                  "ok", "doubtful" or "lost";      confidence (T, J) in [0, 1]
     energy_terms (E,)            names; each is an array energy_<name> (T,), NaN where not evaluated
     covariance (T, J, 3, 3)      of each joint's place in the world, square metres; only where it is known
     character_name (), vertices (V, 3), faces (F, 3), weights (V, B)                        the mesh at rest, Eq. 1
-    body_names, body_parents (B,), dof_body, dof_lower, dof_upper (33,), dof_axes, dof_origins (33, 3)
+    body_names, body_parents (B,), dof_body, dof_lower, dof_upper (A,), dof_axes, dof_origins (A, 3)
     group_names (G,), group_sizes (G,), group_dofs (sum of sizes,)                          degrees of freedom by limb
+    dof_spread (D,), distal_dofs, posture_dofs                                              how a search treats them
     landmark_bodies (J,), landmarks (J, 3)                                                  at rest
     capsules (B, 7)              per body the ends of a segment and a radius around it, at rest; made of the mesh
     up (), provenance ()         "y" or "z"; a JSON text
@@ -40,7 +42,7 @@ import numpy as np
 from jaxmocap._files import atomic_path, json_text, npz_bytes, plain
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
-from jaxmocap.character import Character, Skeleton, capsules
+from jaxmocap.character import ROOT_DOFS, Character, Skeleton, capsules, known_dofs, search_hints
 
 from ._motion import Motion
 
@@ -153,6 +155,8 @@ def _arrays(motion: Motion) -> dict[str, np.ndarray]:
     arrays |= {"group_names": [name for name, _ in skeleton.groups]}
     arrays |= {"group_sizes": [len(dofs) for _, dofs in skeleton.groups]}
     arrays |= {"group_dofs": [dof for _, dofs in skeleton.groups for dof in dofs]}
+    arrays |= {"dof_spread": skeleton.dof_spread}
+    arrays |= {"distal_dofs": np.array(skeleton.distal, int), "posture_dofs": np.array(skeleton.posture, int)}
     arrays |= {"landmark_bodies": skeleton.landmark_bodies, "landmarks": skeleton.landmarks}
     starts, ends, radii = capsules(character)
     arrays |= {"capsules": np.hstack([starts, ends, radii[:, None]]).astype(np.float32)}
@@ -175,10 +179,16 @@ def _motion(arrays: dict[str, np.ndarray]) -> Motion:
     sizes = [int(size) for size in arrays["group_sizes"]]
     starts = np.cumsum([0, *sizes])
     dofs = _integers(arrays["group_dofs"])
+    names = _words(arrays["dof_names"])
+    if "dof_spread" in arrays:
+        hints: dict[str, Any] = {"dof_spread": tuple(float(value) for value in arrays["dof_spread"])}
+        hints |= {name: _integers(arrays[f"{name}_dofs"]) for name in ("distal", "posture")}
+    else:  # written when every skeleton was that of a person
+        hints = search_hints(known_dofs(names[ROOT_DOFS:]))
     skeleton = Skeleton(
         body_names=_words(arrays["body_names"]),
         parents=_integers(arrays["body_parents"]),
-        dof_names=_words(arrays["dof_names"]),
+        dof_names=names,
         dof_body=_integers(arrays["dof_body"]),
         axes=jax.device_put(arrays["dof_axes"]),
         origins=jax.device_put(arrays["dof_origins"]),
@@ -188,6 +198,7 @@ def _motion(arrays: dict[str, np.ndarray]) -> Motion:
             (name, dofs[start : start + size])
             for name, start, size in zip(_words(arrays["group_names"]), starts, sizes, strict=False)
         ),
+        **hints,
         landmark_names=_words(arrays["joint_names"]),
         landmark_bodies=_integers(arrays["landmark_bodies"]),
         landmarks=jax.device_put(arrays["landmarks"]),
@@ -231,7 +242,7 @@ def _check_character(arrays: dict[str, np.ndarray]) -> None:
     vertices, faces = len(arrays["vertices"]), len(arrays["faces"])
     expected = {"vertices": (vertices, 3), "faces": (faces, 3), "weights": (vertices, bodies)}
     expected |= {"body_parents": (bodies,), "dof_axes": (dofs, 3), "dof_origins": (dofs, 3)}
-    expected |= {"dof_lower": (dofs,), "dof_upper": (dofs,), "dof_names": (dofs + 6,)}
+    expected |= {"dof_lower": (dofs,), "dof_upper": (dofs,), "dof_names": (dofs + ROOT_DOFS,)}
     expected |= {"landmark_bodies": (joints,), "landmarks": (joints, 3)}
     for name, shape in expected.items():
         if arrays[name].shape != shape:
@@ -240,7 +251,7 @@ def _check_character(arrays: dict[str, np.ndarray]) -> None:
         if not np.isfinite(arrays[name]).all():
             raise InputError(f"{name} holds a number that is not finite.")
     parents = arrays["body_parents"]
-    limits = {"faces": vertices, "dof_body": bodies, "landmark_bodies": bodies, "group_dofs": dofs + 6}
+    limits = {"faces": vertices, "dof_body": bodies, "landmark_bodies": bodies, "group_dofs": dofs + ROOT_DOFS}
     for name, limit in limits.items():
         if arrays[name].size and not (arrays[name].min() >= 0 and arrays[name].max() < limit):
             raise InputError(f"{name} points outside 0..{limit - 1}.")

@@ -103,13 +103,13 @@ class _World:
     def scores(self) -> Callable:
         """Eq. 6 of particles that move the whole body, (particle, 3) metres."""
         energy, character = SearchEnergy((ModelView(),)), self.truth.character
-        part = body_part(character, tuple(range(6)))
+        part = body_part(character, character.skeleton.group("root"))
         region = Region(jnp.zeros((2, 2), jnp.int32), self.problem.size)
         base = prepare_base(energy, character, part, self.pose, self.problem, region, 16)
 
         @eqx.filter_jit
         def score(moves):
-            increments = jnp.zeros((len(moves), 39)).at[:, :3].set(moves)
+            increments = jnp.zeros((len(moves), character.skeleton.num_dofs)).at[:, :3].set(moves)
             return score_particles(
                 energy, character, part, self.pose, self.problem, region, base, increments, _WINDOWS
             ).total
@@ -134,11 +134,12 @@ class _World:
 
     def gradient(self) -> tuple[bool, str]:
         energy, truth = SearchEnergy((ModelView(),)), self.truth
+        skeleton = truth.character.skeleton
 
         @jax.jit
         def value_and_slope(move):
             def value(move):
-                moved = retract(truth.character.skeleton, self.pose, jnp.zeros(39).at[:3].set(move))
+                moved = retract(skeleton, self.pose, jnp.zeros(skeleton.num_dofs).at[:3].set(move))
                 return soft_score(energy, truth.character, moved, self.problem, _SOFT).total
 
             return jax.value_and_grad(value)(move)

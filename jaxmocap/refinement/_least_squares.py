@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmocap._cache import cached_jit
-from jaxmocap.character import Character, Pose, retract
+from jaxmocap.character import ROOT_DOFS, Character, Pose, retract
 from jaxmocap.energies import LineResidual, SurfaceLines, join_lines
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
 
@@ -38,14 +38,14 @@ class Prior(NamedTuple):
 @jax.jit
 def free_prior(character: Character, base: Pose, weight: float | Array | np.ndarray = 1e-3) -> Prior:
     """Joint limits and a weak pull to the base pose, no L1."""
-    far = jnp.full(6, 10.0)
     skeleton = character.skeleton
+    far, still = jnp.full(ROOT_DOFS, 10.0), jnp.zeros(skeleton.num_dofs)
     return Prior(
         jnp.concatenate([-far, skeleton.lower - base.angles]),
         jnp.concatenate([far, skeleton.upper - base.angles]),
-        jnp.zeros(39),
-        jnp.broadcast_to(jnp.asarray(weight, jnp.float32), (39,)),
-        jnp.zeros(39),
+        still,
+        jnp.broadcast_to(jnp.asarray(weight, jnp.float32), still.shape),
+        still,
     )
 
 
@@ -92,7 +92,7 @@ def gauss_newton_step(
     refiner: AbstractRefiner,
 ) -> Step:
     """Linearise all rows at `delta` (an increment of `base`), solve with the L1, the prior and the box, and say what
-    the true objective does. The normal equations are compressed to 39 rows, so any refiner is cheap."""
+    the true objective does. The normal equations are compressed to a row per DoF, so any refiner is cheap."""
     residual = _residual(character, base, rows, landmarks)
     value = residual(delta)
     jacobian = jax.jacfwd(residual)(delta)

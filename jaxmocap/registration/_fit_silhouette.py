@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from jaxmocap.character import Character, Pose, initial_spread, retract
+from jaxmocap.character import Character, Pose, retract
 from jaxmocap.energies import ContourSettings, LandmarkRays, SearchEnergy, Silhouette, contour_lines
 from jaxmocap.observation import FrameProblem, draw
 from jaxmocap.refinement import FlowSettings, Prior, Rows, Source, descend, free_prior, same_time_sources, surface_flow
@@ -61,12 +61,12 @@ def fit_to_masks(
         contours = _mask_contours(30 if round_index < 3 else 15)
         vertices, ids, inverse = draw(character, pose, problem)
         lines = contour_lines(vertices, character.faces, ids, inverse, problem, contours)
-        prior = free_prior(character, pose, np.repeat(np.array([0.5, 3.0], np.float32), [6, 33]))
+        prior = free_prior(character, pose, character.skeleton.per_dof(root=0.5, angles=3.0))
         rows = (Rows(lines, 0.02, 0.03 if round_index < 5 else 0.015),)
         delta, _ = descend(
             character,
             pose,
-            jnp.zeros(39),
+            jnp.zeros(character.skeleton.num_dofs),
             rows,
             landmarks,
             _frozen(prior, fixed),
@@ -88,7 +88,7 @@ def search_silhouettes(
 ) -> Pose:
     """Annealing on the silhouette energy, group by group."""
     energy = SearchEnergy((Silhouette(masks),))
-    spread = initial_spread(character) * 1.5
+    spread = character.skeleton.initial_spread * 1.5
     spread[fixed] = 0.0
     for number, search in enumerate(group_searches(character)):
         sampler = InteractingSimulatedAnnealing(num_particles=particles_for(len(search.dofs)), num_iterations=15)
@@ -120,11 +120,11 @@ def fit_between_views(
         flows = surface_flow(character, vertices, ids, crops, problem, sources, FlowSettings())
         contours = contour_lines(vertices, character.faces, ids, inverse, problem, _mask_contours(12))
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
-        prior = free_prior(character, pose, np.repeat(np.array([0.2, 0.8], np.float32), [6, 33]))
+        prior = free_prior(character, pose, character.skeleton.per_dof(root=0.2, angles=0.8))
         delta, _ = descend(
             character,
             pose,
-            jnp.zeros(39),
+            jnp.zeros(character.skeleton.num_dofs),
             rows,
             landmarks,
             _frozen(prior, fixed),

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import View, triangulate
-from jaxmocap.character import Character, Pose, clamp, landmark_positions, pose_from_vector, retract
+from jaxmocap.character import ROOT_DOFS, Character, Pose, clamp, landmark_positions, pose_from_vector, retract
 from jaxmocap.energies import LandmarkRays, keypoint_rays
 from jaxmocap.observation import stacked_keypoints
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
@@ -55,10 +55,10 @@ def _starts(
         rotation = body_axes(left_shoulder, right_shoulder, left_hip, right_hip) @ rest_axes.T
         root = np.eye(4, dtype=np.float32)
         root[:3, :3], root[:3, 3] = rotation, 0.5 * (left_hip + right_hip) - rotation @ rest_hips
-        return [Pose(jnp.asarray(root), jnp.zeros(33))]
+        return [Pose(jnp.asarray(root), jnp.zeros(skeleton.num_angles))]
     centre, turned = points[known].mean(0) - np.asarray(skeleton.landmarks).mean(0), []
     for yaw in np.linspace(0, 2 * np.pi, 8, endpoint=False):
-        vector = jnp.zeros(39).at[:3].set(jnp.asarray(centre, jnp.float32)).at[4].set(yaw)
+        vector = jnp.zeros(skeleton.num_dofs).at[:3].set(jnp.asarray(centre, jnp.float32)).at[4].set(yaw)
         turned.append(pose_from_vector(skeleton, vector))
     return turned
 
@@ -85,19 +85,20 @@ def inverse_kinematics(
     best: tuple[float, Pose, Array] | None = None
     per_base = max(2, starts // len(bases))
     for base in bases:
-        shares = generator.uniform(0.05, 0.5, (per_base, 33)) * generator.integers(0, 2, (per_base, 33))
+        size = (per_base, skeleton.num_angles)
+        shares = generator.uniform(0.05, 0.5, size) * generator.integers(0, 2, size)
         shares[0] = 0
-        side = np.where(generator.random((per_base, 33)) < 0.7, np.asarray(skeleton.upper), np.asarray(skeleton.lower))
-        start = jnp.concatenate([jnp.zeros((per_base, 6)), jnp.asarray(shares * side, jnp.float32)], -1)
+        side = np.where(generator.random(size) < 0.7, np.asarray(skeleton.upper), np.asarray(skeleton.lower))
+        start = jnp.concatenate([jnp.zeros((per_base, ROOT_DOFS)), jnp.asarray(shares * side, jnp.float32)], -1)
         cost, delta = _best_of(character, base, lines, refiner, start)
         if best is None or cost < best[0]:
             best = (cost, base, delta)
     assert best is not None
     cost, base, delta = best
     lower, upper = (np.asarray(limit) - np.asarray(base.angles) for limit in (skeleton.lower, skeleton.upper))
-    for dofs in (np.array(dofs) for name, dofs in skeleton.groups if name.endswith(("arm", "leg"))):
+    for dofs in (np.array(skeleton.group(limb)) for limb in skeleton.limbs):
         start = np.tile(np.asarray(delta), (LIMB_STARTS, 1))
-        start[:, dofs] = generator.uniform(lower[dofs - 6], upper[dofs - 6], (LIMB_STARTS, len(dofs)))
+        start[:, dofs] = generator.uniform(lower[dofs - ROOT_DOFS], upper[dofs - ROOT_DOFS], (LIMB_STARTS, len(dofs)))
         anew = _best_of(character, base, lines, refiner, jnp.asarray(start))
         cost, delta = anew if anew[0] < cost else (cost, delta)
     pose = clamp(skeleton, retract(skeleton, base, delta))
@@ -119,18 +120,18 @@ def _solve_starts(
     character: Character, base: Pose, lines: LandmarkRays, refiner: AbstractRefiner, starts: Float[Array, "start dof"]
 ) -> tuple[Float[Array, "start dof"], Float[Array, "start"]]:
     skeleton = character.skeleton
-    far = jnp.full(6, 20.0)
+    far = jnp.full(ROOT_DOFS, 20.0)
     lower = jnp.concatenate([-far, skeleton.lower - base.angles])
     upper = jnp.concatenate([far, skeleton.upper - base.angles])
-    weight = jnp.concatenate([jnp.full(6, 1e-4), jnp.full(33, 0.05)])
+    weight = jnp.asarray(skeleton.per_dof(root=1e-4, angles=0.05))
 
     def one(start: Array) -> tuple[Array, Array]:
         problem = RefineProblem(
             residual=lambda d: lines(character, retract(skeleton, base, d)),
-            prior=jnp.zeros(39),
+            prior=jnp.zeros(skeleton.num_dofs),
             lower=lower,
             upper=upper,
-            l1=jnp.zeros(39),
+            l1=jnp.zeros(skeleton.num_dofs),
             prior_weight=weight,
         )
         done = refiner.refine(problem, start)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmocap._results import InputError
-from jaxmocap.character import Character, Pose, pose_from_vector, pose_vector
+from jaxmocap.character import ROOT_DOFS, Character, Pose, pose_from_vector, pose_vector
 
 LARGEST_VALUE = 1e6
 """No metre or degree of a pose file is larger."""
@@ -30,8 +30,8 @@ def apply_overrides(character: Character, pose: Pose, values: dict[str, float]) 
             )
         index = skeleton.dof_names.index(name)
         vector[index] = value if index < 3 else np.deg2rad(value)
-        if index >= 6:
-            low, high = float(skeleton.lower[index - 6]), float(skeleton.upper[index - 6])
+        if index >= ROOT_DOFS:
+            low, high = float(skeleton.lower[index - ROOT_DOFS]), float(skeleton.upper[index - ROOT_DOFS])
             if not low - 1e-6 <= vector[index] <= high + 1e-6:
                 raise InputError(
                     f"the pose file sets {name} = {value:g} degrees, outside its limits "

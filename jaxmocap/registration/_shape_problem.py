@@ -10,6 +10,7 @@ from jaxmocap._types import Scalar, knob
 from jaxmocap.character import (
     GIRTHS,
     LENGTHS,
+    ROOT_DOFS,
     BodyShape,
     Character,
     Pose,
@@ -76,7 +77,7 @@ class Unknowns(eqx.Module):
 
 
 class ShapeProblem(eqx.Module):
-    """Shape and offsets in standard deviations, then 39 numbers per frame: one vector for a refiner."""
+    """Shape and offsets in standard deviations, then an increment per frame: one vector for a refiner."""
 
     character: Character
     seen: FramesSeen
@@ -89,7 +90,7 @@ class ShapeProblem(eqx.Module):
 
     def start(self) -> Float[Array, "unknown"]:
         """The generic character in its base poses."""
-        return jnp.zeros(self.num_shared + self.seen.base.angles.shape[0] * 39)
+        return jnp.zeros(self.num_shared + self.seen.base.angles.shape[0] * self.character.skeleton.num_dofs)
 
     def unknowns(self, vector: Float[Array, "unknown"]) -> Unknowns:
         """The vector's parts in metres, radians and logarithms."""
@@ -101,7 +102,9 @@ class ShapeProblem(eqx.Module):
         lengths = jnp.where(least, prior.extremity, prior.length) * lengths
         girths = prior.coupling * jnp.matmul(_coupling(), lengths, precision="highest") + prior.girth * girths
         shape = BodyShape(prior.height * height[0], lengths, girths)
-        return Unknowns(shape, prior.offset * offsets.reshape(-1, 3), deltas.reshape(-1, 39))
+        return Unknowns(
+            shape, prior.offset * offsets.reshape(-1, 3), deltas.reshape(-1, self.character.skeleton.num_dofs)
+        )
 
     def poses(self, unknowns: Unknowns, character: Character) -> Pose:
         """The pose of every frame."""
@@ -120,7 +123,7 @@ class ShapeProblem(eqx.Module):
 
         rows = [part.reshape(-1) for part in jax.vmap(frame)(poses, self.seen.rays)]
         if self.seen.contours is not None:
-            still = jnp.zeros(39)
+            still = jnp.zeros(skeleton.num_dofs)
             outline = lambda pose, *lines: LineResidual(character, pose, *lines)(still)  # noqa: E731
             rows.append(jax.vmap(outline)(poses, *self.seen.contours).reshape(-1))
         return jnp.concatenate(rows)
@@ -128,14 +131,16 @@ class ShapeProblem(eqx.Module):
     def refine_problem(self) -> RefineProblem:
         """Priors as a box and a pull towards zero; joint limits."""
         skeleton, base, frames = self.character.skeleton, self.seen.base, self.seen.base.angles.shape[0]
-        far = jnp.full((frames, 6), 20.0)
+        far = jnp.full((frames, ROOT_DOFS), 20.0)
         shared = jnp.full(self.num_shared, self.prior.widest)
         lower = jnp.concatenate([-far, skeleton.lower - base.angles], 1).reshape(-1)
         upper = jnp.concatenate([far, skeleton.upper - base.angles], 1).reshape(-1)
-        pull = jnp.tile(jnp.concatenate([jnp.full(6, 1e-4), jnp.full(33, self.prior.angle**-2)]), frames)
+        pull = jnp.tile(
+            jnp.concatenate([jnp.full(ROOT_DOFS, 1e-4), jnp.full(skeleton.num_angles, self.prior.angle**-2)]), frames
+        )
         return RefineProblem(
             residual=self.residual,
-            prior=jnp.zeros(self.num_shared + frames * 39),
+            prior=jnp.zeros(self.num_shared + frames * skeleton.num_dofs),
             lower=jnp.concatenate([-shared, lower]),
             upper=jnp.concatenate([shared, upper]),
             l1=jnp.asarray(0.0),

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.spatial import KDTree
 
-from jaxmocap.character import GIRTHS, LENGTHS
+from jaxmocap.character import GIRTHS, LENGTHS, ROOT_DOFS
 from jaxmocap.geometry import vertex_normals
 
 from ._pins import Missed, Pin, missed
@@ -123,16 +123,16 @@ def _pairs(vertices: np.ndarray, target: Points, tree: KDTree, scale: float) -> 
 
 
 def _numbers(body: Body) -> np.ndarray:
-    return np.concatenate([np.zeros(6), body.angles, body.shape])
+    return np.concatenate([np.zeros(ROOT_DOFS), body.angles, body.shape])
 
 
 @lru_cache(maxsize=1)
 def _deviations() -> np.ndarray:
     """Standard deviation of each of the 58 numbers; those of the root are free."""
     known = _LOOSE | _LEGS
-    angles = [known.get(name[2:], _STIFF) for name in template().skeleton.dof_names[6:]]
+    angles = [known.get(name[2:], _STIFF) for name in template().skeleton.angle_names]
     shape = [_HEIGHT, *(_LENGTH for _ in LENGTHS), *(_GIRTH for _ in GIRTHS)]
-    return np.concatenate([np.full(6, 1e3), angles, shape])
+    return np.concatenate([np.full(ROOT_DOFS, 1e3), angles, shape])
 
 
 @lru_cache(maxsize=1)
@@ -149,10 +149,11 @@ def _symmetry() -> np.ndarray:
 def _room(body: Body) -> tuple[np.ndarray, np.ndarray]:
     """How far each number may go in one step: to the joint limits, and not too far at once."""
     skeleton = template().skeleton
-    size = np.concatenate([np.full(3, 0.2), np.full(36, 0.35), np.full(len(body.shape), 0.15)])
+    size = np.concatenate([np.full(3, 0.2), np.full(skeleton.num_dofs - 3, 0.35), np.full(len(body.shape), 0.15)])
     low, high = -size, size.copy()
-    low[6:39] = np.maximum(low[6:39], np.asarray(skeleton.lower) - body.angles)
-    high[6:39] = np.minimum(high[6:39], np.asarray(skeleton.upper) - body.angles)
+    angles = slice(ROOT_DOFS, skeleton.num_dofs)
+    low[angles] = np.maximum(low[angles], np.asarray(skeleton.lower) - body.angles)
+    high[angles] = np.minimum(high[angles], np.asarray(skeleton.upper) - body.angles)
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from jaxmocap.character import (
     GIRTHS,
     LENGTHS,
+    ROOT_DOFS,
     BodyShape,
     Character,
     Pose,
@@ -27,7 +28,7 @@ _EVERY = 4  # of the template's vertices, those that correspondences are made fo
 
 
 class Body(NamedTuple):
-    """The template in some pose and proportions: `root` (4, 4), joint `angles` (33,) in radians, and `shape` (19,), the
+    """The template in some pose and proportions: `root` (4, 4), joint `angles` in radians, and `shape` (19,), the
     logarithms of `BodyShape`."""
 
     root: Float[np.ndarray, "4 4"]
@@ -53,7 +54,7 @@ def body_at_rest(root: Float[np.ndarray, "4 4"]) -> Body:
 
 
 def moved(body: Body, step: Float[np.ndarray, " parameter"]) -> Body:
-    """The body after a step: 39 numbers of `retract`, then 19 of the shape."""
+    """The body after a step: the increment of `retract`, then 19 numbers of the shape."""
     dofs = template().skeleton.num_dofs
     pose = _moved(_arrays(body), jnp.asarray(step[:dofs], jnp.float32))
     return Body(np.asarray(pose.root, np.float64), np.asarray(pose.angles, np.float64), body.shape + step[dofs:])
@@ -152,5 +153,5 @@ def rest_angles_of(arms: float) -> Float[np.ndarray, " dof"]:
     skeleton = template().skeleton
     angles = np.array(rest_pose(skeleton).angles, np.float64)
     for side in "lr":
-        angles[skeleton.dof_names.index(f"{side}_shoulder_abd") - 6] = arms
+        angles[skeleton.dof_names.index(f"{side}_shoulder_abd") - ROOT_DOFS] = arms
     return angles

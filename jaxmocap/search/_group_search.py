@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxmocap._cache import cached_jit, optimised_jit
-from jaxmocap.character import Character, Pose, retract, simplify
+from jaxmocap.character import Character, Pose, is_limb as is_limb_name, retract, simplify
 from jaxmocap.energies import (
     Base,
     BodyPart,
@@ -39,10 +39,6 @@ _LEAST_FACES = 500
 
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
-
-
-_OUTER = ("shoulder_axial", "elbow", "forearm", "hip_int", "knee", "ankle")
-"""DOFs that move a forearm or a shin and leave the upper arm or the thigh where it is."""
 
 
 POOL = 20
@@ -73,8 +69,8 @@ class Stage(eqx.Module):
 
 
 class GroupResult(eqx.Module):
-    """`increment (39,)` of the group, the deviation of the last particles (39,), the energy of the answer, and what the
-    static capacities would have had to be."""
+    """`increment (dof,)` of the group, the deviation of the last particles (dof,), the energy of the answer, and what
+    the static capacities would have had to be."""
 
     increment: Float[Array, "dof"]
     deviation: Float[Array, "dof"]
@@ -102,7 +98,7 @@ class _ParticleEnergy(eqx.Module):
     capacity: int = eqx.field(static=True)
 
     def __call__(self, values: Float[Array, "particle group_dof"]) -> Float[Array, "particle"]:
-        increments = jnp.zeros((values.shape[0], 39)).at[:, self.part.dofs].set(values)
+        increments = jnp.zeros((values.shape[0], self.character.skeleton.num_dofs)).at[:, self.part.dofs].set(values)
         region = Region(self.corners, self.size)
         scores = score_particles(
             self.energy,
@@ -145,10 +141,10 @@ def wide_population(
     spread: Float[Array, "group_dof"],
     lower: Float[Array, "group_dof"],
     upper: Float[Array, "group_dof"],
-    outer: Bool[Array, "group_dof"],
+    distal: Bool[Array, "group_dof"],
 ) -> Float[Array, "extra group_dof"] | None:
     """First particles for a limb that moves faster than expected, or that was lost. In turn: Gaussian with three times
-    the spread; drawn evenly from the box, not farther than twelve times the spread; and for the `outer` DOFs drawn
+    the spread; drawn evenly from the box, not farther than twelve times the spread; and for the `distal` DOFs drawn
     evenly from all of it but Gaussian for the others, for a forearm or shin that left its place alone."""
     if count == 0:
         return None
@@ -157,7 +153,7 @@ def wide_population(
     low, high = jnp.maximum(lower, -12 * spread), jnp.minimum(upper, 12 * spread)
     even = jax.random.uniform(far_key, normal.shape)
     turn = jnp.arange(count)[:, None] % 3
-    anywhere = jnp.where(outer, lower + even * (upper - lower), normal)
+    anywhere = jnp.where(distal, lower + even * (upper - lower), normal)
     values = jnp.select([turn == 0, turn == 1], [3.0 * normal, low + even * (high - low)], anywhere)
     return jnp.clip(values, lower, upper)
 
@@ -180,7 +176,7 @@ def _search(
     spread,
     lower,
     upper,
-    outer,
+    distal,
     key,
 ):
     dofs = parts[0].dofs
@@ -199,9 +195,9 @@ def _search(
     start = jnp.zeros(dofs.shape[0])
     box = (spread[dofs], lower[dofs], upper[dofs])
     count = int(wide * sampler.num_particles)
-    far = wide_population(jax.random.fold_in(key, 1), POOL * count, *box, outer)
+    far = wide_population(jax.random.fold_in(key, 1), POOL * count, *box, distal)
     best, info = run(sampler, energies, start, *box, key, pool=far, keep=count)
-    increment = jnp.zeros(39).at[dofs].set(best)
+    increment = jnp.zeros(spread.shape[0]).at[dofs].set(best)
     needed = []
     for drawn, coarse, region, capacity in views:
 
@@ -213,7 +209,7 @@ def _search(
         needed.append(jax.lax.map(windows, jnp.stack([drawn.posed(character, moved) for moved in poses])).max())
     return GroupResult(
         increment=increment,
-        deviation=jnp.zeros(39).at[dofs].set(info.deviation),
+        deviation=jnp.zeros(spread.shape[0]).at[dofs].set(info.deviation),
         energy=info.energy,
         needed=jnp.stack(needed),
         needed_base=jnp.stack(needed_base).max(),
@@ -245,7 +241,7 @@ class GroupSearch:
     part: BodyPart
     simple: dict[float, tuple[Mesh, BodyPart]] = field(default_factory=dict)
     sizes: Sizes = field(default_factory=lambda: Sizes(256))
-    outer: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
+    distal: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
 
     def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
         """Corners of the region in the rectangle; its size grows in steps until it is the rectangle's."""
@@ -293,7 +289,7 @@ class GroupSearch:
         if np.isfinite(within):
             farthest = within * np.asarray(spread, np.float32)
             lower, upper = np.maximum(lower, -farthest), np.minimum(upper, farthest)
-        cloud = np.zeros((2 * len(self.dofs) + 1, 39), np.float32)
+        cloud = np.zeros((2 * len(self.dofs) + 1, skeleton.num_dofs), np.float32)
         for row, dof in enumerate(self.dofs):
             reach = (1.7 if wide == 0 else 8.0) * spread[dof]
             cloud[2 * row, dof] = min(reach, float(upper[dof]))
@@ -326,7 +322,7 @@ class GroupSearch:
                 jax.device_put(np.asarray(spread, np.float32)),
                 jax.device_put(lower),
                 jax.device_put(upper),
-                self.outer,
+                self.distal,
                 key,
             )
             result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
@@ -356,10 +352,11 @@ Groups = tuple[tuple[str, tuple[int, ...]], ...]
 
 def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
     """The parts of all groups, left and right padded to the same shapes."""
+    kind = character.skeleton.kind
     plain = {name: body_part(character, dofs) for name, dofs in groups}
     parts = {}
     for name, dofs in groups:
-        alike = [plain[other] for other, _ in groups if other.split("_")[-1] == name.split("_")[-1]]
+        alike = [plain[other] for other, _ in groups if kind(other) == kind(name)]
         faces = max(part.faces.shape[1] for part in alike)
         parts[name] = body_part(character, dofs, faces, max(part.vertices.shape[0] for part in alike))
     return parts
@@ -370,21 +367,20 @@ def group_searches(
 ) -> list[GroupSearch]:
     """One search per group, by default those of the skeleton. `meshes` holds a simplified mesh for every share of the
     faces that a stage names, except 1."""
-    groups = character.skeleton.groups if groups is None else groups
+    skeleton = character.skeleton
+    groups = skeleton.groups if groups is None else groups
     parts = alike_parts(character, groups)
     simple = {share: (mesh, alike_parts(mesh.character, groups)) for share, mesh in (meshes or {}).items()}
     shared: dict[str, Sizes] = {}
     searches = []
     for name, dofs in groups:
-        sizes = shared.setdefault(name.split("_")[-1], Sizes(_power(1.3 * character.faces.shape[0])))
+        sizes = shared.setdefault(skeleton.kind(name), Sizes(_power(1.3 * character.faces.shape[0])))
         coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
-        outer = jax.device_put(
-            np.array([any(part in character.skeleton.dof_names[dof] for part in _OUTER) for dof in dofs])
-        )
-        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, outer))
+        distal = jax.device_put(np.isin(dofs, skeleton.distal))
+        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, distal))
     return searches
 
 
 def is_limb(group: GroupSearch) -> bool:
     """Whether the group is an arm or a leg, not the root or the torso."""
-    return group.name.split("_")[-1] in ("arm", "leg")
+    return is_limb_name(group.name)

@@ -32,7 +32,7 @@ class SearchPlan:
     particle pays for leaving the start in a degree of freedom, half of it at one deviation and never more than all
     (Geman and McClure 1985): where the pictures leave a direction open, as depth when the views are close together, it
     stays where flow and prediction put it (0: the paper, which has no motion prior here). `answer` "mean" is the
-    paper's. `groups` "whole" searches all 39 degrees of freedom at once instead of the paper's hierarchy, and
+    paper's. `groups` "whole" searches all degrees of freedom at once instead of the paper's hierarchy, and
     then needs `particles`."""
 
     stages: tuple[Effort, ...] = (Effort(),)
@@ -49,7 +49,9 @@ class SearchPlan:
 
     def __post_init__(self) -> None:
         if self.groups == "whole" and self.particles is None:
-            raise InputError("a search of the whole body at once needs a number of particles: 2^39 are too many.")
+            raise InputError(
+                "a search of the whole body at once needs a number of particles: 2^n of n DoFs are too many."
+            )
 
     @property
     def iterations(self) -> int:

@@ -17,7 +17,7 @@ from jaxmocap.energies import SearchEnergy, soft_score
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import SoftSettings
 
-_UNIT = np.concatenate([np.full(3, 0.02), np.full(3, 0.05), np.full(33, 0.1)]).astype(np.float32)
+_TRANSLATION, _ROTATION, _ANGLE = 0.02, 0.05, 0.1
 """Metres and radians that count as one step: the valleys of the energy are about as wide."""
 
 
@@ -49,7 +49,7 @@ def _measure(energy, character, pose, problem, settings):
 @eqx.filter_jit
 def _descend(energy, character, pose, problem, settings, steps, tolerance):
     skeleton = character.skeleton
-    unit = jnp.asarray(_UNIT)
+    unit = jnp.asarray(skeleton.per_dof(root=_ROTATION, angles=_ANGLE)).at[:3].set(_TRANSLATION)
 
     def moved(step: Float[Array, "dof"]) -> Pose:
         return clamp(skeleton, retract(skeleton, pose, unit * step))
@@ -59,7 +59,7 @@ def _descend(energy, character, pose, problem, settings, steps, tolerance):
         return score.total, score.needed
 
     solver = optimistix.BFGS(rtol=tolerance, atol=tolerance)
-    found = optimistix.minimise(value, solver, jnp.zeros(39), has_aux=True, max_steps=steps, throw=False)
+    found = optimistix.minimise(value, solver, jnp.zeros(skeleton.num_dofs), has_aux=True, max_steps=steps, throw=False)
     best = jnp.where(jnp.isfinite(found.value).all(), found.value, 0.0)
     return moved(best), value(best, None)
 

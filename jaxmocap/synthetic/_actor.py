@@ -1,4 +1,4 @@
-"""The synthetic actor: one closed skin over the procedural body, bound to the 39-degree-of-freedom skeleton."""
+"""The synthetic actor: one closed skin over the procedural body, bound to the skeleton of a person."""
 
 from functools import lru_cache
 

@@ -11,9 +11,7 @@ from jaxmocap.character import (
     Character,
     Pose,
     Skeleton,
-    group_bodies,
     landmark_positions,
-    limb_names,
     nearest_equivalent,
     with_limb,
 )
@@ -50,7 +48,7 @@ def lost_spans(
     the background, or it is far from halfway between the frames before and after."""
     body = np.array([result.status == "lost" for result in results])
     spans = _spans(results, body, "body", LOST)
-    for limb, (group, name) in enumerate(limb_names(character).items()):
+    for limb, (group, name) in enumerate(character.skeleton.limb_labels.items()):
         hidden = np.array([result.limb_seen[limb] < settings.hidden for result in results])
         foreign = np.array([result.limb_costs[limb] > settings.foreign for result in results])
         for why, marked in ((HIDDEN, hidden), (FOREIGN, foreign & ~hidden)):
@@ -62,8 +60,8 @@ def lost_spans(
 
 def without_trust(results: Sequence[FrameResult], spans: Sequence[LostSpan], character: Character) -> list[FrameResult]:
     """The results with no confidence in the landmarks of lost parts."""
-    skeleton, parts = character.skeleton, limb_names(character)
-    moved = {parts[name]: group_bodies(character, dofs) for name, dofs in skeleton.groups if name in parts}
+    skeleton = character.skeleton
+    moved = {label: skeleton.bodies_of(name) for name, label in skeleton.limb_labels.items()}
     moved["body"] = np.ones(len(skeleton.body_names), bool)
     bodies = np.array(skeleton.landmark_bodies)
     marked = []

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmocap._cache import cached_jit
-from jaxmocap.character import Pose, Skeleton, landmark_positions, retract
+from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, landmark_positions, retract
 
 from ._frame_result import FrameResult
 
@@ -67,7 +67,7 @@ def mean_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float
 
 def _hessians(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame dof dof"]:
     """J^T J of every frame; that of a neighbour where a frame was looked at but not refined."""
-    nothing = np.zeros((39, 39), np.float32)
+    nothing = np.zeros(2 * results[0].deviation.shape, np.float32)
     own = [h if h is None or np.isfinite(h).all() else None for h in (result.hessian for result in results)]
     found = []
     for index, (result, hessian) in enumerate(zip(results, own, strict=True)):
@@ -86,13 +86,16 @@ def _covariances(
     deviations: Float[Array, "frame dof"],
     settings: UncertaintySettings,
 ) -> Float[Array, "frame landmark 3 3"]:
-    free = jnp.concatenate([jnp.full(6, settings.free_root), jnp.full(33, settings.free_angle)])
+    root, angles = jnp.full(ROOT_DOFS, settings.free_root), jnp.full(skeleton.num_angles, settings.free_angle)
+    free = jnp.concatenate([root, angles])
 
     def one(pose: Pose, hessian: Array, deviation: Array) -> Array:
         scaled = free[:, None] * hessian * free[None, :] / settings.correlated
-        inverse = jnp.linalg.inv(scaled + jnp.eye(39))
+        inverse = jnp.linalg.inv(scaled + jnp.eye(skeleton.num_dofs))
         covariance = free[:, None] * inverse * free[None, :] + jnp.diag((settings.particles * deviation) ** 2)
-        moves = jax.jacfwd(lambda step: landmark_positions(skeleton, retract(skeleton, pose, step)))(jnp.zeros(39))
+        moves = jax.jacfwd(lambda step: landmark_positions(skeleton, retract(skeleton, pose, step)))(
+            jnp.zeros_like(free)
+        )
         return jnp.einsum("jad,de,jbe->jab", moves, 0.5 * (covariance + covariance.T), moves, precision="highest")
 
     return jax.lax.map(lambda args: one(*args), (poses, hessians, deviations))

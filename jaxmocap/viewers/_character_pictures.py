@@ -81,7 +81,7 @@ def _angles(character: Character, degrees: dict[str, float]) -> np.ndarray:
     """Joint angles of both sides, within the limits; those that are not named stay as at rest."""
     skeleton, at_rest = character.skeleton, angles_at_rest(character.skeleton)
     angles = np.zeros(skeleton.num_angles, np.float32)
-    for number, name in enumerate(skeleton.dof_names[6:]):
+    for number, name in enumerate(skeleton.angle_names):
         wanted = degrees.get(name, degrees.get(name[2:]))
         if wanted is not None:
             angles[number] = np.radians(wanted) - at_rest[number]

@@ -193,7 +193,7 @@ def _angles(motion: Motion) -> list[dict[str, Any]]:
             "upper": round(float(np.degrees(upper[dof] + rest[dof])), 1),
             "at_limit": int(at_limit[:, dof].sum()),
         }
-        for dof, name in enumerate(motion.dof_names[6:])
+        for dof, name in enumerate(skeleton.angle_names)
     ]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxmocap.character import dominant_bodies, group_bodies
+from jaxmocap.character import dominant_bodies
 from jaxmocap.search import Gating, look_at, mean_costs, seen_shares
 from jaxmocap.search._gating import GroupGate
 
@@ -34,17 +34,16 @@ def test_nothing_is_left_out_before_the_first_answer():
 
 def test_the_outer_half_of_a_limb_is_beyond_its_hinge(world):
     skeleton = world.character.skeleton
-    arm = skeleton.group("l_arm")
-    whole, outer = (group_bodies(world.character, arm, outer) for outer in (False, True))
+    whole, distal = (skeleton.bodies_of("l_arm", distal) for distal in (False, True))
     names = np.array(skeleton.body_names)
-    assert set(names[outer]) < set(names[whole])
+    assert set(names[distal]) < set(names[whole])
     assert all(name.startswith("l_") for name in names[whole])
-    assert group_bodies(world.character, skeleton.group("root")).all()
+    assert skeleton.bodies_of("root").all()
 
 
 def test_costs_are_means_over_the_pixels_of_the_bodies(world):
     bodies = dominant_bodies(world.character)
-    groups = [group_bodies(world.character, world.character.skeleton.group(name)) for name in ("l_arm", "r_leg")]
+    groups = [world.character.skeleton.bodies_of(name) for name in ("l_arm", "r_leg")]
     faces = [np.flatnonzero(group[bodies]) for group in groups]
     ids = np.full((2, 10, 10), -1)
     ids[0, :5], ids[1, 0, :4] = faces[0][:10], faces[0][10]
@@ -56,7 +55,7 @@ def test_costs_are_means_over_the_pixels_of_the_bodies(world):
 
 def test_a_limb_in_front_is_seen_and_one_behind_the_body_is_not(world):
     skeleton, bodies = world.character.skeleton, dominant_bodies(world.character)
-    groups = [group_bodies(world.character, skeleton.group(name), outer=True) for name in ("l_arm", "r_arm")]
+    groups = [skeleton.bodies_of(name, distal=True) for name in ("l_arm", "r_arm")]
     own = np.asarray(world.character.weights).argmax(1)
     arm, trunk = np.flatnonzero(groups[0][bodies])[0], np.flatnonzero(~(groups[0] | groups[1])[bodies])[0]
     over = np.full((2, len(own)), -1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from perturbed import arm_away, vertex_errors
 
-from jaxmocap.character import clamp, initial_spread, retract
+from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.observation import draw
 from jaxmocap.samplers import InteractingSimulatedAnnealing
@@ -36,7 +36,7 @@ def find(world, searches):
             num_particles=64, num_iterations=12, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
         )
         stages = (Stage(search_energy(step=2, sampling="nearest"), 1, 12),)
-        spread, problem = initial_spread(world.character), world.problem(FRAME)
+        spread, problem = world.character.skeleton.initial_spread, world.problem(FRAME)
         result = search(stages, sampler, world.character, start, problem, spread, jax.random.key(key), **options)
         return start, retract(skeleton, start, result.increment), result
 
@@ -62,7 +62,7 @@ def test_a_limb_ten_degrees_off_is_brought_back(world, searches, find, name):
 
 def test_with_a_prior_a_limb_stays_where_it_is_right_and_is_brought_back_where_it_is_not(world, searches, find):
     """Turns that two views hardly see (an arm about its own axis) are left as they are, not drawn by chance."""
-    spread, gone = np.asarray(initial_spread(world.character)), {}
+    spread, gone = world.character.skeleton.initial_spread, {}
     dofs = list(searches["l_arm"].dofs)
     for prior in (0.0, 0.002):
         moved = [np.asarray(find("l_arm", key=key, degrees=0, prior=prior)[2].increment)[dofs] for key in range(4)]
@@ -97,7 +97,7 @@ def test_a_lost_arm_is_found_further_afield(world):
         num_particles=96, num_iterations=16, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
     )
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
-    start, after, spread = arm_away(world, FRAME), [], initial_spread(world.character)
+    start, after, spread = arm_away(world, FRAME), [], world.character.skeleton.initial_spread
 
     def found(key, **reach):
         return search(
@@ -116,8 +116,8 @@ def test_a_lost_arm_is_found_further_afield(world):
 
 def test_a_third_of_the_far_particles_leaves_the_inner_joints_alone():
     spread, lower, upper = jnp.full(4, 0.1), jnp.full(4, -3.0), jnp.full(4, 2.0)
-    outer = jnp.array([False, False, True, True])
-    found = np.asarray(wide_population(jax.random.key(0), 3000, spread, lower, upper, outer))
+    distal = jnp.array([False, False, True, True])
+    found = np.asarray(wide_population(jax.random.key(0), 3000, spread, lower, upper, distal))
     near, even, anywhere = found[0::3], found[1::3], found[2::3]
     np.testing.assert_allclose(near.std(0), 0.3, rtol=0.1)
     assert even.min() >= -1.2001
@@ -161,7 +161,7 @@ def test_a_simplified_mesh_at_a_coarse_step_finds_the_limb(world):
     sampler = InteractingSimulatedAnnealing(num_particles=64, num_iterations=14, sigma_min=jnp.full(6, 0.00436))
     energy = search_energy(step=2, sampling="nearest", fail="ignore", outside="ignore")
     stages = (Stage(energy, 2, 14, 0.5),)
-    spread = initial_spread(world.character)
+    spread = world.character.skeleton.initial_spread
     found = search(stages, sampler, world.character, start, world.problem(FRAME), spread, jax.random.key(0))
     poses = (start, retract(world.character.skeleton, start, found.increment))
     before, after = (limb_errors(world, {"l_leg": search}, "l_leg", pose).mean() for pose in poses)

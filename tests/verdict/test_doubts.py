@@ -9,7 +9,7 @@ import pytest
 from perturbed import arm_away, moved
 
 from jaxmocap._cli._track import NOT_TRUSTED, report_trust
-from jaxmocap.character import dominant_bodies, outer_halves
+from jaxmocap.character import dominant_bodies
 from jaxmocap.refinement import FlowSettings
 from jaxmocap.search import look_at
 from jaxmocap.track import FrameTracker, Tracker
@@ -33,7 +33,12 @@ def signals(world, pose, shown=None) -> FrameSignals:
     character, problem = world.character, world.problem(FRAME)
     return frame_signals(
         *(character, pose, shown or world.shown(FRAME), problem, world.rectangle(FRAME)),
-        *(look_at(character, pose, problem), dominant_bodies(character), outer_halves(character), FlowSettings()),
+        *(
+            look_at(character, pose, problem),
+            dominant_bodies(character),
+            character.skeleton.distal_bodies,
+            FlowSettings(),
+        ),
     )
 
 
