@@ -13,7 +13,6 @@ from pathlib import Path
 
 _RECORDED = ("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "numpy", "opencv-python-headless", "av")
 _EMITTERS, _VECTORS = "xla_cpu_use_fusion_emitters", "xla_cpu_prefer_vector_width"
-_MOST_MAPS = 30_000
 _SHORTEST_COMPILATION = 0.0  # seconds: hundreds of small programs take longer to compile than to read
 
 
@@ -77,14 +76,6 @@ def release_memory() -> None:
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:
             trim(0)
-
-
-def make_room() -> None:
-    """Drop compiled programs where they fill half of the memory maps that Linux allows a process: when it has no more,
-    XLA ends it with a segmentation fault. Every capture of another size takes some thousands."""
-    maps, jax = Path("/proc/self/maps"), sys.modules.get("jax")
-    if jax is not None and maps.is_file() and maps.read_bytes().count(b"\n") > _MOST_MAPS:
-        jax.clear_caches()
 
 
 def versions(packages: Sequence[str] = _RECORDED) -> dict[str, str]:

@@ -19,7 +19,15 @@ from jaxmocap.appearance import Appearance
 from jaxmocap.camera import project
 from jaxmocap.capture import Capture, Detections
 from jaxmocap.character import Character, Pose, landmark_positions, skin
-from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle, place_rectangle, projected_box
+from jaxmocap.observation import (
+    Frame,
+    FrameImages,
+    FrameProblem,
+    Observations,
+    Rectangle,
+    place_rectangle,
+    projected_box,
+)
 from jaxmocap.pipeline import fit_capture_appearance
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
 
@@ -86,7 +94,7 @@ class World:
         return folder
 
     def observations(self, detections: Detections | None = None) -> Observations:
-        """Fresh ones: they remember the frames they have seen."""
+        """Fresh ones, for tests that change them."""
         return Observations(
             self.capture, self.cameras, self.character, self.appearance, self.key_poses, detections=detections
         )
@@ -107,6 +115,10 @@ class World:
     def problem(self, frame: int) -> FrameProblem:
         """The frame as the tracker sees it when its prediction is right."""
         return _problem(self, frame)
+
+    def frame(self, frame: int, shown: FrameImages | None = None) -> Frame:
+        """The same with its images, or others."""
+        return Frame(self.shown(frame) if shown is None else shown, self.rectangle(frame), self.problem(frame))
 
     def masks(self, frame: int) -> np.ndarray:
         """The true masks in the rectangle."""

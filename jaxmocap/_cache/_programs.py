@@ -5,10 +5,12 @@ import contextlib
 import functools
 import json
 import os
+import sys
+import weakref
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, ClassVar, ParamSpec, TypeVar, cast
 
 import equinox as eqx
 import jax.export
@@ -28,10 +30,14 @@ LARGEST = 1 << 29
 """Bytes that kept programs may take; those that have not been used for longest go first."""
 
 
+MOST_MAPS = 30_000
+"""Memory maps of the process above which compiled programs are dropped."""
+
 AHEAD = 24
 """As many programs are loaded ahead: about those that are used until the first frame is tracked."""
 
 
+_PACKAGE = __name__.split(".")[0]
 _TRACED_BY = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "jaxtyping", "numpy")
 
 
@@ -47,7 +53,7 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-_Program = tuple[Callable[..., Any], Any]
+_Program = tuple[Any, Any]
 """Of flat arrays to flat arrays, and the structure of the answer."""
 
 
@@ -104,8 +110,33 @@ def preload_programs(inputs: Mapping[str, Any]) -> None:
         worker.shutdown(wait=False)
 
 
+def free_programs() -> None:
+    """Drop the compiled programs of this package. Those of whoever uses it stay, and what was exported to disk too."""
+    for program in list(_CachedJit.every):
+        program.free()
+    for name in [name for name in sys.modules if name.startswith(f"{_PACKAGE}.")]:
+        for value in list(vars(sys.modules[name]).values()):
+            if isinstance(value, _CachedJit):
+                continue
+            if hasattr(value, "clear_cache"):  # a function under jax.jit
+                value.clear_cache()
+            elif hasattr(value, "_cached"):  # a function under eqx.filter_jit, which wraps one under jax.jit
+                value._cached.clear_cache()
+
+
+def make_room() -> None:
+    """Drop this package's compiled programs where memory maps fill half of what Linux allows a process: when it has no
+    more, XLA ends it with a segmentation fault. Every capture of another size takes some thousands."""
+    maps = Path("/proc/self/maps")
+    if maps.is_file() and maps.read_bytes().count(b"\n") > MOST_MAPS:
+        free_programs()
+
+
 class _CachedJit:
+    every: ClassVar["weakref.WeakSet[_CachedJit]"] = weakref.WeakSet()
+
     def __init__(self, function: Callable[..., Any], options: Callable[[], dict[str, Any]]):
+        self.every.add(self)
         self.function = function
         self.options = options
         self.programs: dict[Any, _Program | None] = {}
@@ -115,6 +146,14 @@ class _CachedJit:
         options = self.options() if jax.default_backend() == "cpu" else {}
         jit: Any = eqx.filter_jit
         return jit(self.function, compiler_options=options) if options else jit(self.function)
+
+    def free(self) -> None:
+        """Drop the compiled programs; the next call reads or traces them again."""
+        for found in self.programs.values():
+            if found is not None:
+                found[0].clear_cache()
+        self.programs.clear()
+        cast(Any, self.traced)._cached.clear_cache()
 
     def __call__(self, *args: Any) -> Any:
         folder = os.environ.get(FOLDER, "")

@@ -10,37 +10,52 @@ from jaxtyping import PRNGKeyArray
 from jaxmocap._runtime import Clock
 from jaxmocap.character import Pose, clamp, nearest_equivalent, retract
 from jaxmocap.motion import MotionHistory
-from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle
-from jaxmocap.track import FrameTracker, Tracker
-from jaxmocap.verdict import FrameResult, VerdictSettings
+from jaxmocap.observation import Frame, FrameImages, Observations
+from jaxmocap.track import Answer, FrameTracker, Step, Tracker, TrackingState
+from jaxmocap.verdict import VerdictSettings
 
 
-class Follower(FrameTracker):
+class Follower:
     """Tracks one frame after the other with `baseline.find` in place of flow start, search and refinement (host).
 
-    Energies, confidence and status of the results are those of Eq. 5 for whatever pose was found, so that all methods
-    are recorded alike.
+    `frames` observes and judges: energies, confidence and status of the results are those of Eq. 5 for whatever pose
+    was found, so that all methods are recorded alike. `memory` is what `baseline.learn_appearance` made.
     """
 
     def __init__(self, baseline: "Baseline", observations: Observations, key: PRNGKeyArray):
         tracker = Tracker.preset("normal")
         plain = Tracker(tracker.search_energy, search=None, refine=None, verdict=baseline.verdict)
-        super().__init__(observations, plain, key)
+        self.frames = FrameTracker(observations, plain, key)
         self.baseline = baseline
+        self.character = observations.character
+        self.cameras = observations.cameras
         self.memory: Any = baseline.learn_appearance(observations)
 
-    def track(self, shown: FrameImages) -> FrameResult:
-        past = self.history
-        assert past is not None
-        clock, skeleton = Clock(), self.character.skeleton
-        if shown.frame in self.observations.key_poses:
-            start = nearest_equivalent(skeleton, self.observations.key_poses[shown.frame], past.pose)
+    def first(self, shown: FrameImages, pose: Pose) -> Step:
+        """Take a registered pose as the answer of a frame, at which a sequence starts."""
+        return self.frames.first(shown, pose)
+
+    def track(self, state: TrackingState, shown: FrameImages) -> Step:
+        """Find the pose of the next frame: start, then the baseline."""
+        history, clock = state.history, Clock()
+        assert history is not None
+        registered = self.frames.observations.key_poses.get(shown.frame)
+        if registered is not None:
+            start = nearest_equivalent(self.character.skeleton, registered, history.pose)
         else:
-            start = self.baseline.start(self, past)
-        problem, rectangle = self._problem(shown, start, np.zeros(len(shown.images)), clock)
+            start = self.baseline.start(self, history)
+        frame, state = self.frames.observe(state, shown, start, np.zeros(len(shown.images)), clock)
         with clock.stage(self.baseline.name):
-            pose = self.baseline.find(self, shown, problem, rectangle, start)
-        return self._finish(shown, problem, rectangle, pose, np.zeros(39), None, clock)
+            pose = self.baseline.find(self, frame, start)
+        return self.frames.judge(state, frame, Answer(pose, np.zeros(self.character.skeleton.num_dofs)), clock)
+
+    def sizes(self) -> dict[str, Any]:
+        """Static sizes of the compiled programs."""
+        return self.frames.sizes()
+
+    def restore_sizes(self, sizes: dict[str, Any]) -> None:
+        """Take over what `sizes` said."""
+        self.frames.restore_sizes(sizes)
 
 
 @dataclass(frozen=True)
@@ -61,13 +76,11 @@ class Baseline(abc.ABC):
         """What the method knows of colours before the first frame; kept as `Follower.memory`."""
         return None
 
-    def start(self, worker: Follower, past: MotionHistory) -> Pose:
+    def start(self, worker: Follower, history: MotionHistory) -> Pose:
         """Where a frame begins: the pose that the autoregression of Eq. 10 predicts."""
         skeleton = worker.character.skeleton
-        return clamp(skeleton, retract(skeleton, past.pose, past.predicted("ridge")))
+        return clamp(skeleton, retract(skeleton, history.pose, history.predicted("ridge")))
 
     @abc.abstractmethod
-    def find(
-        self, worker: Follower, shown: FrameImages, problem: FrameProblem, rectangle: Rectangle, start: Pose
-    ) -> Pose:
+    def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:
         """The pose of one frame."""

@@ -11,10 +11,8 @@ from jaxtyping import Bool
 from jaxmocap.character import Pose
 from jaxmocap.observation import (
     Edges,
-    FrameImages,
-    FrameProblem,
+    Frame,
     Observations,
-    Rectangle,
     draw,
     mask_edges,
     signed_distance,
@@ -52,12 +50,11 @@ class SegmentAndFit(Baseline):
         """The colour densities of the selected frames."""
         return selected_histograms(observations)
 
-    def find(
-        self, worker: Follower, shown: FrameImages, problem: FrameProblem, rectangle: Rectangle, start: Pose
-    ) -> Pose:
+    def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:
         colours = worker.memory
-        pose, crops = start, [rectangle.crop(image, camera) for camera, image in enumerate(shown.images)]
-        step = int(np.ceil(np.sqrt(rectangle.height * rectangle.width / _NODES)))
+        pose, problem, crops = start, frame.problem, frame.crops()
+        height, width = problem.size
+        step = int(np.ceil(np.sqrt(height * width / _NODES)))
         first = step // 2
         small = [np.ascontiguousarray(crop[first::step, first::step]) for crop in crops]
         cuts = [GridCut(picture.astype(float) / 255, self.contrast, 0.1 * self.contrast) for picture in small]

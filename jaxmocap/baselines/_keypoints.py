@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from jaxmocap._results import InputError
 from jaxmocap.character import Character, Pose, clamp, landmark_positions, retract
 from jaxmocap.motion import MotionHistory
-from jaxmocap.observation import BODY_25, FrameImages, FrameProblem, Observations, Rectangle
+from jaxmocap.observation import BODY_25, Frame, Observations
 from jaxmocap.refinement import descend, free_prior
 from jaxmocap.refiners import Shooting
 from jaxmocap.registration import triangulated
@@ -59,16 +59,14 @@ class KeypointTriangulation(Baseline):
             )
         return super().follow(observations, key)
 
-    def start(self, worker: Follower, past: MotionHistory) -> Pose:
+    def start(self, worker: Follower, history: MotionHistory) -> Pose:
         """The last pose: where depth is weak, extrapolating noise would run away."""
-        return past.pose
+        return history.pose
 
-    def find(
-        self, worker: Follower, shown: FrameImages, problem: FrameProblem, rectangle: Rectangle, start: Pose
-    ) -> Pose:
+    def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:
         skeleton = worker.character.skeleton
-        keypoints = np.asarray(problem.keypoints, np.float64)
-        points, known = triangulated(worker.cameras.at(shown.frame), list(keypoints))
+        keypoints = np.asarray(frame.problem.keypoints, np.float64)
+        points, known = triangulated(worker.cameras.at(frame.number), list(keypoints))
         names = skeleton.landmark_names
         rows = [index for index, parts in BODY_25.items() if known[index] and all(part in names for part in parts)]
         if len(rows) < self.least:

@@ -11,7 +11,8 @@ from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
 from jaxmocap.character import Character, Pose, Skeleton, clamp, landmark_positions, retract
-from jaxmocap.observation import FrameImages, FrameProblem, Observations, Rectangle
+from jaxmocap.motion import MotionHistory
+from jaxmocap.observation import Frame, Observations
 
 from ._colour_histograms import ColourHistograms, selected_histograms
 from ._follower import Baseline, Follower
@@ -96,14 +97,12 @@ class PoseCut(Baseline):
         """The stick figure, and the histograms of the selected frames."""
         return StickFigure(observations.character), selected_histograms(observations)
 
-    def start(self, worker: Follower, past) -> Pose:
+    def start(self, worker: Follower, history: MotionHistory) -> Pose:
         """The last pose, as in the publication."""
-        return past.pose
+        return history.pose
 
-    def find(
-        self, worker: Follower, shown: FrameImages, problem: FrameProblem, rectangle: Rectangle, start: Pose
-    ) -> Pose:
-        skeleton, energy = worker.character.skeleton, self.energy(worker, shown, rectangle, start)
+    def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:
+        skeleton, energy = worker.character.skeleton, self.energy(worker, frame, start)
         unit, found = skeleton.initial_spread, np.zeros(skeleton.num_dofs)
         low = np.concatenate([-np.array(_ROOT_REACH), np.asarray(skeleton.lower - start.angles)])
         high = np.concatenate([np.array(_ROOT_REACH), np.asarray(skeleton.upper - start.angles)])
@@ -127,15 +126,15 @@ class PoseCut(Baseline):
                 found = moved(best.x)
         return clamp(skeleton, retract(skeleton, start, jnp.asarray(found, jnp.float32)))
 
-    def energy(self, worker: Follower, shown: FrameImages, rectangle: Rectangle, pose: Pose):
+    def energy(self, worker: Follower, frame: Frame, pose: Pose):
         """A function of increments (dof,) of a pose: the sum over the views of the smallest cut, nats per pixel."""
         figure, histograms = worker.memory
-        view = worker.cameras.at(shown.frame)
+        view, rectangle = worker.cameras.at(frame.number), frame.rectangle
         step = int(np.ceil(np.sqrt(rectangle.height * rectangle.width / self.pixels)))
         first = step // 2
         views = []
-        for camera, image in enumerate(shown.images):
-            crop = rectangle.crop(image, camera)[first::step, first::step]
+        for camera, whole in enumerate(frame.crops()):
+            crop = whole[first::step, first::step]
             rows, columns = np.mgrid[: crop.shape[0], : crop.shape[1]] * step + first + 0.5
             row, column = rectangle.origins[camera]
             at = np.stack([columns.ravel() + column, rows.ravel() + row], 1)

@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmocap._cache import make_room
 from jaxmocap._results import InputError
-from jaxmocap._runtime import make_room, versions
+from jaxmocap._runtime import versions
 from jaxmocap.appearance import Appearance, appearance_preset
 from jaxmocap.baselines import method
 from jaxmocap.camera import Cameras

@@ -4,7 +4,7 @@ from ._mesh_graph import (
     faces_within as faces_within,
     pack_rows as pack_rows,
 )
-from ._normals import vertex_normals as vertex_normals
+from ._normals import facing_cosine as facing_cosine, vertex_normals as vertex_normals
 from ._plucker import pluecker_line as pluecker_line, point_line_residual as point_line_residual
 from ._robust import (
     geman_mcclure as geman_mcclure,

@@ -1,3 +1,4 @@
+from ._background import Background as Background, BackgroundModel as BackgroundModel
 from ._cut_person import (
     CutSettings as CutSettings,
     cut_person as cut_person,
@@ -24,7 +25,6 @@ from ._features import (
     match_background as match_background,
     remove_foreground as remove_foreground,
 )
-from ._flash import lit_apart as lit_apart
 from ._flow import (
     dense_flow as dense_flow,
     flow_agrees as flow_agrees,
@@ -35,6 +35,7 @@ from ._light import (
     LightMeter as LightMeter,
     LightSettings as LightSettings,
     light_change as light_change,
+    lit_apart as lit_apart,
     relit as relit,
 )
 from ._mask_confidence import (
@@ -42,17 +43,14 @@ from ._mask_confidence import (
     mask_confidence as mask_confidence,
     outline_contrast as outline_contrast,
 )
-from ._observe import (
+from ._observe import Observations as Observations, key_poses_of as key_poses_of, observe as observe
+from ._problem import (
+    Edges as Edges,
+    Frame as Frame,
     FrameImages as FrameImages,
-    Observations as Observations,
+    FrameProblem as FrameProblem,
     build_problem as build_problem,
-    facing_cosine as facing_cosine,
-    key_poses_of as key_poses_of,
-    observe as observe,
-    simplified_surface as simplified_surface,
-    surface_of as surface_of,
 )
-from ._problem import Clusters as Clusters, Edges as Edges, FrameProblem as FrameProblem, Surface as Surface
 from ._rectangle import (
     Rectangle as Rectangle,
     frame_rectangle as frame_rectangle,
@@ -60,3 +58,9 @@ from ._rectangle import (
     projected_box as projected_box,
 )
 from ._standing_still import standing_still as standing_still
+from ._surface import (
+    Clusters as Clusters,
+    Surface as Surface,
+    simplified_surface as simplified_surface,
+    surface_of as surface_of,
+)

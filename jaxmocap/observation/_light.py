@@ -1,4 +1,4 @@
-"""Light that changes while filming: clouds, and phones that set their exposure and white balance by themselves."""
+"""Light that changes while filming: flashes, clouds, and phones that set exposure and white balance by themselves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,6 +9,15 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ._flow import dense_flow, flow_agrees
+
+BANDS = 16
+"""Bands of rows, because a rolling shutter lights part of a frame, and blocks in each."""
+
+JUMP = 0.2
+"""Change of the logarithm of brightness that counts as another light; moving cameras and people stay below 0.1."""
+
+_BLACK = 4.0
+
 
 _DARK, _BRIGHT = 16, 240
 
@@ -92,3 +101,18 @@ def relit(
 def _small(image: np.ndarray, width: int) -> UInt8[np.ndarray, "rows columns 3"]:
     rows = max(round(image.shape[0] * width / image.shape[1]), 16)
     return cv2.resize(image, (width, rows), interpolation=cv2.INTER_AREA)
+
+
+def lit_apart(
+    images: Sequence[UInt8[np.ndarray, "height width 3"]], before: Sequence[UInt8[np.ndarray, "height width 3"]]
+) -> bool:
+    """Whether, in any view, half of the blocks of some band have become much brighter or darker."""
+    return any(
+        np.abs(np.median(_brightness(now) - _brightness(then), axis=1)).max() > JUMP
+        for now, then in zip(images, before, strict=True)
+    )
+
+
+def _brightness(image: np.ndarray) -> np.ndarray:
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    return np.log(cv2.resize(grey, (BANDS, BANDS), interpolation=cv2.INTER_AREA) + _BLACK)

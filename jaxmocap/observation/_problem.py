@@ -1,41 +1,23 @@
 """What one frame shows, as arrays: the record every energy, sampler and refiner reads."""
 
+from typing import NamedTuple
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, UInt32
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, UInt8
 
-from jaxmocap.appearance import ColourSettings, distance
+from jaxmocap.camera import Cameras
+from jaxmocap.render import inverse_depth_range
 
+from ._edges import image_edges
+from ._light import relit
+from ._rectangle import Rectangle
+from ._surface import Surface
 
-class Clusters(eqx.Module):
-    """The colour models behind `Surface.colour_distance`, for looking at single pixels without a palette: the means of
-    their Gaussians, `whitening` and offset of Eq. 3."""
-
-    means: Float[Array, "camera face cluster 3"]
-    whiten: Float[Array, "camera face cluster 6"]
-    offset: Float[Array, "camera face cluster"]
-    settings: ColourSettings
-
-    def distance(self, camera: Int[Array, "*#n"], face: Int[Array, "*#n"], colour: Float[Array, "*#n 3"]) -> Array:
-        """psi_f of Eq. 3, exactly."""
-        gap = colour[..., None, :] - self.means[camera, face]
-        each = distance(gap, self.whiten[camera, face], self.offset[camera, face], self.settings)
-        return jnp.minimum(each.min(-1), self.settings.tau)
-
-
-class Surface(eqx.Module):
-    """What is known of the character's surface, the same for all frames.
-
-    `colour_distance (camera, face, colour)`: psi_f of Eq. 3 for every palette colour, tau where a face has no model.
-    `near_faces (face, word)`: bit table of faces at most five edge steps apart (Eq. 7). `mean_colour` is the mean RGB
-    of a face's model, meaningful where `has_colour`. `clusters` is None for a mesh without models of its own.
-    """
-
-    colour_distance: Float[Array, "camera face colour"]
-    near_faces: UInt32[Array, "face word"]
-    mean_colour: Float[Array, "camera face 3"]
-    has_colour: Bool[Array, "camera face"]
-    clusters: Clusters | None = None
+DEPTH_SLACK = 0.8
+"""Metres around the predicted pose that inverse depths of a frame can express."""
 
 
 class Edges(eqx.Module):
@@ -102,3 +84,80 @@ class FrameProblem(eqx.Module):
             surface=self.surface,
             keypoints=self.keypoints * jnp.array([1 / step, 1 / step, 1.0]) + jnp.array([shift, shift, 0.0]),
         )
+
+
+def build_problem(
+    images: list[UInt8[np.ndarray, "height width 3"]],
+    rectangle: Rectangle,
+    cameras: Cameras,
+    frame: int,
+    vertices: Float[np.ndarray, "vertex 3"],
+    surface: Surface,
+    labels: list[np.ndarray] | None = None,
+    background: list[np.ndarray] | None = None,
+    edges: list[tuple[np.ndarray, np.ndarray]] | None = None,
+    keypoints: Float[np.ndarray, "camera 25 3"] | None = None,
+) -> FrameProblem:
+    """Assemble the arrays of one frame. `vertices` (any pose near the answer) place the range of depths."""
+    # arrays of the host by `device_put`: JAX 0.10 compiles a copy for every shape that `jnp.asarray` meets
+    view = cameras.at(frame)
+    crops = [rectangle.crop(image, camera) for camera, image in enumerate(images)]
+    edges = [image_edges(crop) for crop in crops] if edges is None else edges
+    shape = (len(crops), rectangle.height, rectangle.width)
+    ranges = [inverse_depth_range(vertices, pose, DEPTH_SLACK) for pose in np.asarray(view.cam_from_world)]
+    labels = [np.zeros(shape[1:], np.int32)] * len(crops) if labels is None else labels
+    background = [np.ones(shape[1:], np.float32)] * len(crops) if background is None else background
+    return FrameProblem(
+        intrinsics=view.intrinsics,
+        cam_from_world=view.cam_from_world,
+        origins=jax.device_put(np.asarray(rectangle.origins, np.int32)),
+        image=jax.device_put(np.stack(crops).astype(np.float32) / 255),
+        labels=jax.device_put(np.stack(labels).astype(np.int32)),
+        background=jax.device_put(np.stack(background).astype(np.float32)),
+        depth_range=jax.device_put(np.stack(ranges)),
+        area=jax.device_put(np.float32(rectangle.area)),
+        edges=Edges(
+            jax.device_put(np.stack([e[0] for e in edges])),
+            jax.device_put(np.stack([e[1] for e in edges]).astype(np.float32)),
+        ),
+        surface=surface,
+        keypoints=jax.device_put(
+            np.zeros((len(crops), 25, 3), np.float32) if keypoints is None else np.asarray(keypoints, np.float32)
+        ),
+    )
+
+
+class FrameImages(NamedTuple):
+    """One decoded frame: its position in the capture, time in seconds, and an undistorted RGB image per camera; `light`
+    is what the images have been divided by to be in the light of the first one."""
+
+    frame: int
+    timestamp: float
+    images: list[UInt8[np.ndarray, "height width 3"]]
+    light: Float[np.ndarray, "camera 3"] | None = None
+
+    def in_light(self, factors: Float[np.ndarray, "camera 3"]) -> "FrameImages":
+        """The frame as decoded, with its images divided by these factors."""
+        return self._replace(images=relit(self.images, factors), light=factors)
+
+
+class Frame(NamedTuple):
+    """A frame as it is tracked: its images, the rectangle that is looked at in every view, and that as arrays."""
+
+    shown: FrameImages
+    rectangle: Rectangle
+    problem: FrameProblem
+
+    @property
+    def number(self) -> int:
+        """Position in the capture."""
+        return self.shown.frame
+
+    @property
+    def timestamp(self) -> float:
+        """Seconds."""
+        return self.shown.timestamp
+
+    def crops(self) -> list[UInt8[np.ndarray, "height width 3"]]:
+        """The rectangle of every view's image."""
+        return [self.rectangle.crop(image, camera) for camera, image in enumerate(self.shown.images)]

@@ -12,7 +12,8 @@ from jaxmocap.appearance import Appearance, AppearanceSettings, appearance_prese
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character, Pose, skin
-from jaxmocap.observation import facing_cosine, full_image_ids, key_poses_of
+from jaxmocap.geometry import facing_cosine
+from jaxmocap.observation import full_image_ids, key_poses_of
 from jaxmocap.registration import Overrides, PersonMasks, Registration, masks_of, register
 
 from ._defaults import find_person_masks
@@ -85,7 +86,8 @@ def fit_capture_appearance(
         centres = np.asarray(cameras.centres())[:, frame]
         ids.append(full_image_ids(character, vertices, cameras, frame))
         images.append([capture.image(camera, frame) for camera in range(cameras.num_cameras)])
-        facing.append([facing_cosine(np.asarray(vertices), np.asarray(character.faces), centre) for centre in centres])
+        corners = np.asarray(vertices)[np.asarray(character.faces)]
+        facing.append([facing_cosine(corners, centre) for centre in centres])
         found = (
             masks[frame]
             if masks is not None

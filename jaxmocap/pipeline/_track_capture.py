@@ -9,10 +9,19 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxmocap._cache import cached_stage, code_hash, different, digest, machine, preload_programs, programs_recorded
+from jaxmocap._cache import (
+    cached_stage,
+    code_hash,
+    different,
+    digest,
+    machine,
+    make_room,
+    preload_programs,
+    programs_recorded,
+)
 from jaxmocap._files import write_json
 from jaxmocap._results import InputError
-from jaxmocap._runtime import make_room, versions
+from jaxmocap._runtime import versions
 from jaxmocap._types import Quality
 from jaxmocap.capture import Capture, Detections, content_hash, folder_hash
 from jaxmocap.character import Character

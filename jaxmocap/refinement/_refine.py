@@ -7,7 +7,7 @@ from jaxtyping import Array, Float, Int, UInt8
 from jaxmocap.character import Pose, Skeleton, difference, retract
 from jaxmocap.energies import LandmarkRays, contour_lines, keypoint_rays
 from jaxmocap.motion import MotionHistory
-from jaxmocap.observation import BODY_25, FACE, FrameImages, FrameProblem, Observations, Rectangle, draw
+from jaxmocap.observation import BODY_25, FACE, Frame, FrameProblem, Observations, draw
 
 from ._least_squares import Prior, Rows, descend, free_prior
 from ._plan import DetectionPlan, RefinePlan
@@ -40,16 +40,16 @@ class Refinement:
         self._selected: dict[tuple[int, int], Source] = {}
 
     def __call__(
-        self, pose: Pose, shown: FrameImages, problem: FrameProblem, rectangle: Rectangle, history: MotionHistory | None
+        self, frame: Frame, pose: Pose, history: MotionHistory | None
     ) -> tuple[Pose, Float[np.ndarray, "dof dof"] | None]:
         """The refined pose, and J^T J of the last step."""
-        plan, skeleton = self.plan, self.character.skeleton
+        plan, skeleton, problem = self.plan, self.character.skeleton, frame.problem
         base = history.pose if history is not None else pose
         prior = self._motion_prior(base, history)
         detections = self.detections
         points = () if detections is None else (detection_rays(skeleton, problem, detections),)
         hessian = None
-        crops = [rectangle.crop(image, c) for c, image in enumerate(shown.images)]
+        crops = frame.crops()
         for round_index in range(plan.rounds):
             widen = max(1.0, plan.robust_start / 2.0**round_index)
             vertices, ids, inverse = draw(self.character, pose, problem)
@@ -58,7 +58,7 @@ class Refinement:
             scale = weights.residual_scale / jnp.sqrt(jnp.maximum(weights.contour, 1e-9))
             rows = [Rows(lines, scale, widen * weights.robust)]
             if plan.surface_flow:
-                rows += self._surface_rows(vertices, ids, crops, shown.frame, problem, widen)
+                rows += self._surface_rows(vertices, ids, crops, frame, widen)
             delta = difference(skeleton, base, pose)
             delta, hessian = descend(
                 self.character, base, delta, tuple(rows), points, prior, plan.refiner, steps=plan.steps
@@ -71,12 +71,12 @@ class Refinement:
         vertices: Float[Array, "vertex 3"],
         ids: Int[Array, "camera height width"],
         crops: list[UInt8[np.ndarray, "height width 3"]],
-        frame: int,
-        problem: FrameProblem,
+        frame: Frame,
         widen: float,
     ) -> list[Rows]:
+        problem = frame.problem
         cameras, weights = range(problem.num_cameras), self.plan.weights
-        sources = self._selected_sources(frame)
+        sources = self._selected_sources(frame.number)
         pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
         views = same_time_sources(pictures, problem, vertices, ids)
         for m in cameras:

@@ -23,7 +23,7 @@ from jaxmocap.energies import SurfaceLines, surface_lines
 from jaxmocap.observation import FrameProblem, dense_flow, flow_agrees, sample_picture, squared_length
 from jaxmocap.render import face_ids
 
-from ._transfer import View, carry
+from ._transfer import View, transfer
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,9 @@ def compare(
     intrinsics, cam_from_world = np.asarray(problem.intrinsics)[camera], np.asarray(problem.cam_from_world)[camera]
     view = _view(intrinsics, cam_from_world, vertices, ids, tuple(origins[camera]))
     shown = _view(source.intrinsics, source.cam_from_world, source.vertices, source.ids, source.origin)
-    source_pixel, seen, cosine = carry(np.asarray(character.faces), np.asarray(problem.surface.near_faces), view, shown)
+    source_pixel, seen, cosine = transfer(
+        np.asarray(character.faces), np.asarray(problem.surface.near_faces), view, shown
+    )
     weight, moved = np.zeros(ids.shape, np.float32), np.zeros((*ids.shape, 2), np.float32)
     good = np.zeros(ids.shape, bool)
     box = _box_of(seen)

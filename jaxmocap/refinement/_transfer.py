@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt32
 
+from jaxmocap.geometry import facing_cosine
+
 LEAST_DEPTH = 0.05
 """Metres in front of the source's camera that a triangle must lie."""
 
@@ -24,7 +26,7 @@ class View(NamedTuple):
         return (self.vertices.astype(np.float64) @ turned[:3, :3].T + turned[:3, 3])[faces]
 
 
-class Carried(NamedTuple):
+class SurfaceTransfer(NamedTuple):
     """For every pixel of a view: where its surface point lies in the source, pixels (x, y), whether the source shows
     the same surface there, and how squarely its triangle faces the camera that sees it less well (cosine)."""
 
@@ -47,22 +49,14 @@ def homographies(
     return projected.transpose(0, 2, 1) @ shares @ np.linalg.inv(intrinsics.astype(np.float64))
 
 
-def facing(corners: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, "face"]:
-    """Cosine between the normal of each triangle, in a camera's frame, and the direction to the camera."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    centre = corners.mean(1)
-    length = np.sqrt((normal**2).sum(1) * (centre**2).sum(1))
-    return -(normal * centre).sum(1) / np.maximum(length, 1e-12)
-
-
-def carry(
+def transfer(
     faces: Int[np.ndarray, "face 3"], near_faces: UInt32[np.ndarray, "face word"], view: View, source: View
-) -> Carried:
-    """Carry every covered pixel of `view` over the surface into `source`; `near_faces` is the bit table of Eq. 7, which
-    says what counts as the same surface. What is not seen is left at 0."""
+) -> SurfaceTransfer:
+    """Transfer every covered pixel of `view` over the surface into `source`; `near_faces` is the bit table of Eq. 7,
+    which says what counts as the same surface. What is not seen is left at 0."""
     here, there = view.corners(faces), source.corners(faces)
     table = homographies(here, view.intrinsics, there, source.intrinsics)
-    squarely = np.minimum(facing(here), facing(there)).astype(np.float32)
+    squarely = np.minimum(facing_cosine(here), facing_cosine(there)).astype(np.float32)
     height, width = view.ids.shape
     covered = np.flatnonzero(view.ids >= 0)
     face = view.ids.reshape(-1)[covered]
@@ -79,7 +73,7 @@ def carry(
     inside = in_front & (right >= 0) & (down >= 0) & (right < columns) & (down < rows)
     other = source.ids[down.clip(0, rows - 1), right.clip(0, columns - 1)]
     same = near_faces[face, np.maximum(other, 0) >> 5] >> (np.maximum(other, 0) & 31).astype(np.uint32) & 1
-    found = Carried(
+    found = SurfaceTransfer(
         np.zeros((height, width, 2), np.float32), np.zeros((height, width), bool), np.zeros((height, width), np.float32)
     )
     found.source_pixel.reshape(-1, 2)[covered] = pixel

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +10,17 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from jaxmocap.character import Character, Pose, retract
 from jaxmocap.energies import ContourSettings, LandmarkRays, SearchEnergy, Silhouette, contour_lines
 from jaxmocap.observation import FrameProblem, draw
-from jaxmocap.refinement import FlowSettings, Prior, Rows, Source, descend, free_prior, same_time_sources, surface_flow
+from jaxmocap.refinement import (
+    FlowSettings,
+    Prior,
+    Rows,
+    Source,
+    descend,
+    free_prior,
+    padded,
+    same_time_sources,
+    surface_flow,
+)
 from jaxmocap.refiners import AbstractRefiner, Shooting
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
 from jaxmocap.search import Stage, group_searches
@@ -114,7 +123,7 @@ def fit_between_views(
     for _ in range(settings.view_flow):
         vertices, ids, inverse = draw(character, pose, problem)
         host_ids = np.asarray(ids)
-        pictures = [_embed(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
+        pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
         views = same_time_sources(pictures, problem, vertices, host_ids)
         sources = [[views[n] for n in cameras if n != m] + (extra[m] if extra else []) for m in cameras]
         flows = surface_flow(character, vertices, ids, crops, problem, sources, FlowSettings())
@@ -134,8 +143,3 @@ def fit_between_views(
         )
         pose = retract(character.skeleton, pose, delta)
     return pose
-
-
-def _embed(crop: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """The crop at its place in a full image, so that source pixels keep full-image coordinates."""
-    return cv2.copyMakeBorder(crop, int(origin[0]), 0, int(origin[1]), 0, cv2.BORDER_REPLICATE)

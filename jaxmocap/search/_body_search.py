@@ -1,7 +1,5 @@
-"""The search of a whole body: root, torso, then each limb; where it may be left out and where it is run again."""
+"""The search of a whole body (sec. 4.1): root, torso, then each limb, each from what the earlier ones found."""
 
-from collections import deque
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -9,91 +7,78 @@ import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._runtime import Clock
-from jaxmocap.character import (
-    Pose,
-    dominant_bodies,
-    group_bodies,
-    initial_spread,
-    outer_halves,
-    retract,
-    skin,
-    with_limb,
-)
+from jaxmocap.character import Pose, retract, skin
 from jaxmocap.energies import SearchEnergy
 from jaxmocap.motion import MotionHistory
-from jaxmocap.observation import FrameProblem, Observations
+from jaxmocap.observation import Frame, FrameProblem, Observations
 
-from ._evidence import Seen, look_at, mean_costs, seen_shares, unexplained
-from ._gating import GroupGate, Retry
-from ._group_search import Stage, group_searches, is_limb, simplified_mesh
+from ._evidence import DrawnPose, Evidence
+from ._gating import SearchMemory, gated
+from ._group_search import Stage, group_searches, simplified_mesh
 from ._plan import SearchPlan, sigma_floor
 from ._score import PoseScore
-
-REMEMBERED = 30
-"""Frames that say how much of the person usually stays uncovered."""
-
-
-CLOSE = 2.0
-"""Times the spread that keep a search where a limb was last seen."""
-
 
 WIDE_TRUNK = 0.5
 """Share of far particles when the whole person is looked for."""
 
 
 class BodySearch:
-    """Sec. 4.1: every group starts from what the earlier ones found (host)."""
+    """Searches group after group (host). What one frame hands to the next is a `SearchMemory`; the sizes of compiled
+    searches, which only grow, stay here."""
 
     def __init__(
-        self, observations: Observations, energy: SearchEnergy, plan: SearchPlan, score: PoseScore, key: PRNGKeyArray
+        self,
+        observations: Observations,
+        energy: SearchEnergy,
+        plan: SearchPlan,
+        score: PoseScore,
+        evidence: Evidence,
+        key: PRNGKeyArray,
     ):
         self.character = observations.character
         self.fps = observations.capture.fps
         self.energy = energy
-        self.score = score
         self.plan = plan
+        self.score = score
         self.key = key
+        skeleton = self.character.skeleton
         shares = sorted({stage.faces for stage in plan.stages} - {1.0})
         meshes = {share: simplified_mesh(self.character, observations.surface, share) for share in shares}
-        whole = (("body", tuple(range(self.character.skeleton.num_dofs))),) if plan.groups == "whole" else None
+        whole = (("body", tuple(range(skeleton.num_dofs))),) if plan.groups == "whole" else None
         self.groups = group_searches(self.character, meshes, whole)
-        self.limbs = [number for number, group in enumerate(self.groups) if is_limb(group)]
-        self.spread = initial_spread(self.character)
-        self.face_bodies = dominant_bodies(self.character)
+        self.limbs = [number for number, group in enumerate(self.groups) if group.name in skeleton.limbs]
+        everything = [np.ones(len(skeleton.body_names), bool)]
+        self.evidence = evidence
+        self.bodies = everything if whole else evidence.groups
         faces = np.asarray(self.character.faces)
         self.vertices = [np.unique(faces[np.asarray(group.part.moves)]) for group in self.groups]
-        self.bodies = [group_bodies(self.character, group.dofs) for group in self.groups]
-        self.outer_bodies = outer_halves(self.character)
-        self.left: deque[float] = deque(maxlen=REMEMBERED)
-        self.last_seen: list[Pose | None] = [None] * len(self.limbs)
-        self.tried_for = np.zeros(len(self.limbs), int)
-        self.gate = GroupGate(plan.gating, len(self.groups)) if plan.gating is not None else None
+
+    def start(self) -> SearchMemory:
+        """The memory before the first frame."""
+        return SearchMemory.start(len(self.groups), len(self.limbs))
 
     def __call__(
         self,
+        frame: Frame,
         pose: Pose,
-        problem: FrameProblem,
-        frame: int,
         history: MotionHistory | None,
+        memory: SearchMemory,
         clock: Clock,
-        settle: Callable[[Pose], Pose],
         lost: bool = False,
-    ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
-        """The pose found from this start, and the deviation of the last particles. `settle` is what follows the search,
-        the refinement. When the person was `lost`, root and torso look further afield too."""
-        start, deviation = pose, np.zeros(39)
+    ) -> tuple[Pose, Float[np.ndarray, "dof"], SearchMemory]:
+        """Search from a start: the pose found, the deviation of the last particles, and the memory after that. When the
+        person was `lost`, root and torso look further afield first."""
+        deviation = np.zeros(self.character.skeleton.num_dofs)
         if lost and self.plan.relocalise > 0:
             with clock.stage("relocalise"):
-                pose = self._relocalised(pose, problem, frame)
-        wanted = self._wanted(pose, problem, history, clock)
+                pose = self._relocalised(pose, frame)
+        wanted, memory = self._wanted(frame, pose, history, memory, clock)
         for number in np.flatnonzero(wanted):
             with clock.stage(f"search {self.groups[number].name}"):
-                pose, found = self.group(int(number), pose, problem, history, self.key_of(frame, int(number)))
+                key = self.key_of(frame.number, int(number))
+                pose, found = self.group(int(number), pose, frame.problem, history, key)
                 deviation += found
-        if self.plan.retry is not None:
-            with clock.stage("search again"):
-                pose = self._again(self.plan.retry, start, pose, problem, frame, settle)
-        return pose, deviation
+        return pose, deviation, memory
 
     def key_of(self, frame: int, number: int) -> PRNGKeyArray:
         """The key of one of a frame's searches."""
@@ -112,131 +97,58 @@ class BodySearch:
         """Search one group; `wide` is the share of far particles, by default the plan's for a limb and else none, and
         `within` how many times the spread they may go."""
         plan, group = self.plan, self.groups[number]
-        limb = is_limb(group)
+        limb = number in self.limbs
         wide = (plan.wide if limb else 0.0) if wide is None else wide
         pace = history.pace(self.fps) if history is not None and plan.wide == 0 else 1.0
         stages = tuple(Stage(self.energy, *effort) for effort in plan.stages)
         share = 1.0 if limb else plan.trunk
         sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), share)
-        spread = self.spread * plan.spread * pace * share
+        spread = self.character.skeleton.initial_spread * plan.spread * pace * share
         found = group(stages, sampler, self.character, pose, problem, spread, key, wide, within, plan.prior)
         return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
 
-    def learn(self, seen: Seen, pose: Pose) -> None:
-        """Remember how well a frame's answer explains each group, and the limbs it shows."""
+    def remember(self, memory: SearchMemory, drawn: DrawnPose) -> SearchMemory:
+        """The memory after a frame's answer: how well it explains each group, and the limbs it shows."""
         if self.plan.retry is not None:
-            shown = self._shares(seen) >= self.plan.retry.hidden
-            self.last_seen = [pose if s else last for s, last in zip(shown, self.last_seen, strict=True)]
-        if self.gate is not None:
-            self.gate.learn(mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
+            shown = self.evidence.limb_shares(drawn) >= self.plan.retry.hidden
+            seen = zip(shown, memory.last_seen, strict=True)
+            memory = memory._replace(last_seen=tuple(drawn.pose if now else last for now, last in seen))
+        if self.plan.gating is not None:
+            costs = self.evidence.mean_costs(drawn, self.bodies)
+            memory = memory._replace(explained=np.where(np.isnan(costs), -np.inf, costs))
+        return memory
 
-    def state(self) -> dict[str, Any]:
-        """What is remembered between frames, the sizes of the compiled searches among it."""
-        gate = self.gate
-        return {
-            "left": self.left,
-            "last_seen": self.last_seen,
-            "tried_for": self.tried_for,
-            "sizes": [group.sizes for group in self.groups],
-            "gate": None if gate is None else (gate.known, gate.skipped),
-        }
+    def sizes(self) -> list[Any]:
+        """Static sizes of the compiled searches: with them another process goes on to the same bits."""
+        return [group.sizes for group in self.groups]
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Take over what `state` said."""
-        self.left, self.last_seen, self.tried_for = state["left"], state["last_seen"], state["tried_for"]
-        for group, sizes in zip(self.groups, state["sizes"], strict=True):
-            vars(group.sizes).update(vars(sizes))  # left and right share theirs
-        if self.gate is not None:
-            self.gate.known, self.gate.skipped = state["gate"]
+    def restore_sizes(self, sizes: list[Any]) -> None:
+        """Take over what `sizes` said."""
+        for group, size in zip(self.groups, sizes, strict=True):
+            vars(group.sizes).update(vars(size))  # left and right share theirs
 
-    def _relocalised(self, pose: Pose, problem: FrameProblem, frame: int) -> Pose:
+    def _relocalised(self, pose: Pose, frame: Frame) -> Pose:
         """The best of some searches for root and torso that look further afield."""
-        trunk = [number for number, group in enumerate(self.groups) if not is_limb(group)]
+        trunk = [number for number in range(len(self.groups)) if number not in self.limbs]
         found = [pose]
         for attempt in range(self.plan.relocalise):
             answer = pose
             for number in trunk:
-                key = self.key_of(frame, 400 + 10 * attempt + number)
-                answer, _ = self.group(number, answer, problem, None, key, WIDE_TRUNK)
+                key = self.key_of(frame.number, 400 + 10 * attempt + number)
+                answer, _ = self.group(number, answer, frame.problem, None, key, WIDE_TRUNK)
             found.append(answer)
-        totals, _ = self.score(problem, found)
+        totals, _ = self.score(frame.problem, found)
         return found[int(np.argmin(totals))]
 
     def _wanted(
-        self, pose: Pose, problem: FrameProblem, history: MotionHistory | None, clock: Clock
-    ) -> Bool[np.ndarray, "group"]:
-        """The groups to search from this start."""
-        if self.gate is None or history is None:
-            return np.ones(len(self.groups), bool)
+        self, frame: Frame, pose: Pose, history: MotionHistory | None, memory: SearchMemory, clock: Clock
+    ) -> tuple[Bool[np.ndarray, "group"], SearchMemory]:
+        """The groups to search from this start, and the memory after that."""
+        if self.plan.gating is None or history is None:
+            return np.ones(len(self.groups), bool), memory
         with clock.stage("gating"):
             moved = np.asarray(skin(self.character, pose) - skin(self.character, history.pose))
             distance = np.linalg.norm(moved, axis=1) * self.fps
             speeds = np.array([np.percentile(distance[vertices], 90) for vertices in self.vertices])
-            seen = look_at(self.character, pose, problem)
-            return self.gate.search(speeds, mean_costs(self.bodies, self.face_bodies, seen.ids, seen.costs))
-
-    def _again(
-        self,
-        retry: Retry,
-        start: Pose,
-        pose: Pose,
-        problem: FrameProblem,
-        frame: int,
-        settle: Callable[[Pose], Pose],
-    ) -> Pose:
-        """Limbs that seem lost, searched in turn from where the frame's search began and from where it ended; hidden
-        ones also from where they were last seen. Those of the frame before have a part of these searches."""
-        seen = look_at(self.character, pose, problem)
-        doubtful = mean_costs(self.outer_bodies, self.face_bodies, seen.ids, seen.costs) > retry.foreign
-        hidden = self._shares(seen) < retry.hidden
-        left, usual = unexplained(seen.ids, problem), np.median(self.left) if self.left else 0.0
-        self.left.append(left)
-        doubtful |= hidden | (left > max(retry.uncovered, retry.unusual * usual))
-        for limb in np.flatnonzero(doubtful & (retry.tries > 0)):
-            number = self.limbs[limb]
-            dofs = self.groups[number].dofs
-            starts = [(with_limb(pose, start, dofs), pose)[i % 2] for i in range(retry.tries)]
-            within = [np.inf] * retry.tries
-            if hidden[limb] and (last := self.last_seen[limb]) is not None:
-                starts += [with_limb(pose, last, dofs)] * retry.tries
-                within += [(CLOSE, np.inf)[i % 2] for i in range(retry.tries)]
-            keys = jax.random.split(self.key_of(frame, 100 + number), len(starts))
-            searches = list(zip(starts, keys, within, strict=True))
-            if self.tried_for[limb] > 0:
-                searches = searches[self.tried_for[limb] % retry.turns :: retry.turns] or searches[:1]
-            found = [self.group(number, begin, problem, None, key, within=reach)[0] for begin, key, reach in searches]
-            totals, _ = self.score(problem, [pose, *found])
-            best = int(np.argmin(totals[1:]))
-            if totals[1 + best] < totals[0] - retry.margin:
-                pose = found[best]
-            elif hidden[limb]:
-                pose = self._shown(retry, int(limb), [pose, *found], totals, problem, settle)
-        self.tried_for = np.where(doubtful, self.tried_for + 1, 0)
-        return pose
-
-    def _shown(
-        self,
-        retry: Retry,
-        limb: int,
-        poses: list[Pose],
-        totals: Float[np.ndarray, "pose"],
-        problem: FrameProblem,
-        settle: Callable[[Pose], Pose],
-    ) -> Pose:
-        """The best pose that shows a limb, where it explains as much as the first, which hides it, or does so once both
-        have settled."""
-        shown = np.array([self.shares(pose, problem)[limb] for pose in poses]) >= retry.hidden
-        best = int(np.argmin(np.where(shown, totals, np.inf)))
-        if not shown[best] or totals[best] > totals[0] + retry.near:
-            return poses[0]
-        if totals[best] <= totals[0] + retry.slack:
-            return poses[best]
-        settled, _ = self.score(problem, [settle(poses[0]), settle(poses[best])])
-        return poses[best] if settled[1] <= settled[0] + retry.slack else poses[0]
-
-    def shares(self, pose: Pose, problem: FrameProblem) -> Float[np.ndarray, "limb"]:
-        """How much of each limb's outer half a pose shows."""
-        return self._shares(look_at(self.character, pose, problem))
-
-    def _shares(self, seen: Seen) -> Float[np.ndarray, "limb"]:
-        return seen_shares(self.outer_bodies, self.character, self.face_bodies, seen.over)
+            costs = self.evidence.mean_costs(self.evidence.draw(pose, frame.problem), self.bodies)
+            return gated(self.plan.gating, memory, speeds, costs)

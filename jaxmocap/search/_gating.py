@@ -1,20 +1,23 @@
 """Which groups of degrees of freedom a frame searches, and which it searches again."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from jaxmocap._results import InputError
+from jaxmocap.character import Pose
 
 
 @dataclass(frozen=True)
 class Gating:
-    """A group is not searched where its flow start explains its pixels as well as the frame before and does not jump.
+    """Leave out a group whose flow start explains its pixels as well as the frame before did and does not jump. Not in
+    the paper, which searches everything and names this as future work.
 
-    `speed` (metres per second) bounds the 90th percentile of the group's vertices between the last frame and the flow
-    start; `slack` how much the mean cost of Eq. 6 over its pixels may have grown; after `longest` frames in a row a
-    group is searched all the same. The paper searches everything and names this as future work.
+    speed: metres per second that the 90th percentile of the group's vertices may move from the last frame to the start.
+    slack: how much the mean cost of Eq. 6 over its pixels may have grown.
+    longest: frames in a row after which a group is searched all the same.
     """
 
     speed: float = 3.0
@@ -24,14 +27,22 @@ class Gating:
 
 @dataclass(frozen=True)
 class Retry:
-    """A limb is searched again when less than `hidden` of its outer half is seen in any view, when the mean cost of
-    Eq. 6 over its outer half is above `foreign`, or, all limbs, when more than `uncovered` of the person's pixels look
-    foreign and are covered by nothing, and `unusual` times as many as in the median of the last frames: clothes that
-    are wider than the mesh always stay uncovered. Of `tries` answers, twice as many for a hidden limb, the best is
-    taken when it lowers the energy by `margin`. Behind the body a limb costs nothing, and one that is seen costs little
-    only in its exact place: a hidden limb also gives way to an answer that is seen and raises the energy by less
-    than `slack`, or by less than `near` and less than `slack` once both are refined. Where a limb is searched again in
-    one frame after another, the searches take turns: one of every `turns`. The paper does not."""
+    """Search a limb again that seems lost. Not in the paper.
+
+    Of all answers the best is taken when it lowers the energy by `margin`. Behind the body a limb costs nothing, and
+    one that is seen costs little only in its exact place; so a hidden limb also gives way to an answer that is seen and
+    raises the energy by less than `slack`, or by less than `near` and less than `slack` once both are refined.
+
+    hidden: a limb is hidden when less than this share of its distal half is seen in any view.
+    foreign: it is searched again when the mean cost of Eq. 6 over its distal half is above this.
+    uncovered: all limbs are when more than this share of the person looks foreign and is covered by nothing.
+    unusual: and this many times as much as in the median of the last frames: clothes wider than the mesh always are.
+    tries: answers per limb, twice as many for a hidden one.
+    margin: energy by which an answer has to be better.
+    slack: energy by which an answer that shows a hidden limb may be worse.
+    near: the same before both are refined.
+    turns: where a limb is searched again in frame after frame, one of so many searches is made in each.
+    """
 
     hidden: float = 0.5
     foreign: float = 0.48
@@ -50,23 +61,33 @@ class Retry:
             )
 
 
-class GroupGate:
-    """Remembers how well each group was explained and how often it was left out (host)."""
+class SearchMemory(NamedTuple):
+    """What a search hands from one frame to the next.
 
-    def __init__(self, settings: Gating, groups: int):
-        self.settings = settings
-        self.known = np.full(groups, -np.inf)
-        self.skipped = np.zeros(groups, int)
+    explained: mean cost of each group's pixels in the last answer, -inf where it is not known.
+    skipped: how many frames in a row each group was not searched.
+    uncovered: what share of the person stayed uncovered in the last frames, oldest first.
+    last_seen: the last pose that shows each limb, if any did.
+    searched_again: how many frames in a row each limb was searched again.
+    """
 
-    def search(
-        self, speeds: Float[np.ndarray, "group"], costs: Float[np.ndarray, "group"]
-    ) -> Bool[np.ndarray, "group"]:
-        """Which groups to search; `costs` are those of the start."""
-        calm = (speeds < self.settings.speed) & (costs <= self.known + self.settings.slack)
-        needed = ~calm | (self.skipped >= self.settings.longest)
-        self.skipped = np.where(needed, 0, self.skipped + 1)
-        return needed
+    explained: Float[np.ndarray, "group"]
+    skipped: Int[np.ndarray, "group"]
+    uncovered: tuple[float, ...]
+    last_seen: tuple[Pose | None, ...]
+    searched_again: Int[np.ndarray, "limb"]
 
-    def learn(self, costs: Float[np.ndarray, "group"]) -> None:
-        """Costs of the frame's answer."""
-        self.known = np.where(np.isnan(costs), -np.inf, costs)
+    @staticmethod
+    def start(groups: int, limbs: int) -> "SearchMemory":
+        """Nothing is known before the first frame."""
+        unknown = np.full(groups, -np.inf)
+        return SearchMemory(unknown, np.zeros(groups, int), (), (None,) * limbs, np.zeros(limbs, int))
+
+
+def gated(
+    settings: Gating, memory: SearchMemory, speeds: Float[np.ndarray, "group"], costs: Float[np.ndarray, "group"]
+) -> tuple[Bool[np.ndarray, "group"], SearchMemory]:
+    """Which groups to search, from how fast each starts and what its start costs; and the memory after that."""
+    still = (speeds < settings.speed) & (costs <= memory.explained + settings.slack)
+    needed = ~still | (memory.skipped >= settings.longest)
+    return needed, memory._replace(skipped=np.where(needed, 0, memory.skipped + 1))

@@ -2,7 +2,7 @@
 
 from ._backward_search import BackwardSearch as BackwardSearch
 from ._checkpoint import Checkpoint as Checkpoint
-from ._frame import FrameTracker as FrameTracker
+from ._frame import Answer as Answer, FrameTracker as FrameTracker, Step as Step, Worker as Worker
 from ._sequence import (
     Method as Method,
     Progress as Progress,
@@ -11,4 +11,5 @@ from ._sequence import (
     track_frames as track_frames,
 )
 from ._settings import with_settings as with_settings
+from ._state import TrackingState as TrackingState
 from ._tracker import Tracker as Tracker

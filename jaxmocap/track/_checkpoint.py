@@ -11,20 +11,27 @@ from jaxmocap._results import InputError
 from jaxmocap.observation import FrameImages, FrameProblem, Observations
 from jaxmocap.verdict import FrameResult
 
-from ._frame import FrameTracker
+from ._state import TrackingState
 
-FORMAT = 3
+FORMAT = 4
 _STATE = "state.npz"
 
 
 class Saved(NamedTuple):
-    """What a checkpoint holds: results by frame, the leg (0 forwards, 1 backwards) and the last frame tracked in it,
-    and the state of the tracker after that frame."""
+    """What a checkpoint holds.
+
+    results: by frame.
+    leg: 0 forwards, 1 backwards.
+    frame: the last one tracked in it.
+    state: of the tracking after that frame.
+    sizes: of the compiled programs.
+    """
 
     results: dict[int, FrameResult]
     leg: int
     frame: int
-    state: dict[str, Any]
+    state: TrackingState
+    sizes: dict[str, Any]
 
 
 class Checkpoint:
@@ -74,29 +81,29 @@ class Checkpoint:
         self._chunks, self._serial = list(stored["chunks"]), stored["serial"]
         self._written = dict(results)
         self._clear({_STATE, *self._chunks, *self._problems})
-        return Saved(results, stored["leg"], stored["frame"], stored["state"])
+        return Saved(results, stored["leg"], stored["frame"], stored["state"], stored["sizes"])
 
-    def keep(self, results: dict[int, FrameResult], leg: int, frame: int, worker: FrameTracker) -> None:
+    def keep(self, saved: Saved, observations: Observations) -> None:
         """Called after every frame: write, unless that would cost too much time by now."""
         if time.monotonic() - self._last > self._cost / self.share:
             begin = time.monotonic()
-            self.save(results, leg, frame, worker)
+            self.save(saved, observations)
             self._last = time.monotonic()
             self._cost = self._last - begin
 
-    def save(self, results: dict[int, FrameResult], leg: int, frame: int, worker: FrameTracker) -> None:
+    def save(self, saved: Saved, observations: Observations) -> None:
         """Write everything that has changed. Raises `InputError` when the disk does not take it."""
-        known, stands = self._context(worker.observations)
-        changed = {number: r for number, r in results.items() if self._written.get(number) is not r}
+        known, stands = self._context(observations)
+        changed = {number: r for number, r in saved.results.items() if self._written.get(number) is not r}
         self._serial += 1
         chunk = f"results-{self._serial:06d}.npz"
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             write_records(self.folder / chunk, changed)
             stored = {"format": FORMAT, "inputs": self.inputs, "chunks": [*self._chunks, chunk]}
-            stored |= {"leg": leg, "frame": frame, "serial": self._serial}
+            stored |= {"leg": saved.leg, "frame": saved.frame, "serial": self._serial}
+            stored |= {"state": saved.state, "sizes": saved.sizes}
             self._used = set()
-            stored["state"] = worker.state()
             write_records(self.folder / _STATE, stored, known, stands)
         except OSError as error:
             raise InputError(
@@ -104,7 +111,7 @@ class Checkpoint:
                 "with --resume from the last one."
             ) from error
         self._chunks.append(chunk)
-        self._written = dict(results)
+        self._written = dict(saved.results)
         for name in set(self._problems) - self._used:
             del self._problems[name]
             (self.folder / name).unlink(missing_ok=True)

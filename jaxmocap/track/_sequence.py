@@ -1,6 +1,6 @@
 """From a registered start to a whole motion: frames in order, forwards and, before the start, backwards."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import NamedTuple, Protocol
 
@@ -8,26 +8,17 @@ import jax
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
+from jaxmocap._cache import make_room
 from jaxmocap._results import InputError
-from jaxmocap._runtime import make_room, release_memory
+from jaxmocap._runtime import release_memory
 from jaxmocap.character import Pose
 from jaxmocap.motion import Motion, cameras_at
-from jaxmocap.observation import FrameImages, Observations, key_poses_of
+from jaxmocap.observation import Observations
 from jaxmocap.registration import Registration
-from jaxmocap.verdict import (
-    FrameResult,
-    VerdictSettings,
-    doubts,
-    joint_covariances,
-    lost_spans,
-    mean_deviations,
-    outlier_cameras,
-    with_doubts,
-    without_trust,
-)
+from jaxmocap.verdict import FrameResult, VerdictSettings, joint_covariances, judge_sequence
 
-from ._checkpoint import Checkpoint
-from ._frame import FrameTracker
+from ._checkpoint import Checkpoint, Saved
+from ._frame import FrameTracker, Worker
 from ._tracker import Tracker
 
 
@@ -46,18 +37,7 @@ class Method(Protocol):
     @property
     def verdict(self) -> VerdictSettings: ...
 
-    def follow(self, observations: Observations, key: PRNGKeyArray) -> FrameTracker: ...
-
-
-def _shown(observations: Observations, leg: range) -> Iterator[FrameImages]:
-    """The frames of a leg, decoded as they are needed."""
-    if leg.step > 0:
-        yield from observations.frames(leg.start, leg.stop)
-        return
-    capture = observations.capture
-    for frame in leg:
-        images = [capture.image(camera, frame) for camera in range(capture.num_cameras)]
-        yield FrameImages(frame, float(capture.timestamps[frame]), images)
+    def follow(self, observations: Observations, key: PRNGKeyArray) -> Worker: ...
 
 
 def track_frames(
@@ -72,9 +52,48 @@ def track_frames(
     """Results of every frame in `frames` (start, stop), in order.
 
     Tracking starts at the last selected frame not after the first one wanted; when all selected frames come later, it
-    starts at the earliest and also runs backwards. With a `checkpoint` what is done is kept on disk, and what it holds
-    is not done again: the results are the same bits.
+    starts at the earliest and also runs backwards. With a `checkpoint` what is done
+    is kept on disk, and what it holds is not done again: the results are the same bits.
     """
+    legs, wanted = _legs(observations, frames)
+    begin = legs[0].start
+    total = sum(len(leg) for leg in legs) - (len(legs) - 1)
+    saved = checkpoint.load(observations) if checkpoint is not None else None
+    results = saved.results if saved is not None else {}
+    for number, leg in enumerate(legs):
+        if saved is not None and number < saved.leg:
+            continue
+        make_room()
+        worker: Worker = (
+            FrameTracker(observations, tracker, key)
+            if isinstance(tracker, Tracker)
+            else tracker.follow(observations, key)
+        )
+        state = None
+        if saved is not None and number == saved.leg:
+            state = saved.state
+            worker.restore_sizes(saved.sizes)
+            leg = range(saved.frame + leg.step, leg.stop, leg.step)
+            saved = None
+        for shown in observations.frames(leg):
+            if state is None:
+                step = worker.first(shown, observations.key_poses[begin])
+            else:
+                step = worker.track(state, shown)
+            state = step.state
+            release_memory()
+            if shown.frame in results:
+                continue
+            results |= {result.frame: result for result in (step.result, *step.revised)}
+            if checkpoint is not None:
+                checkpoint.keep(Saved(results, number, shown.frame, state, worker.sizes()), observations)
+            if progress is not None:
+                progress(Progress(len(results), total, step.result))
+    return [results[frame] for frame in wanted]
+
+
+def _legs(observations: Observations, frames: tuple[int, int] | None) -> tuple[list[range], range]:
+    """The frames to track, leg by leg, and those that are wanted of them."""
     capture = observations.capture
     first, stop = frames if frames is not None else (0, capture.num_frames)
     if not 0 <= first < stop <= capture.num_frames:
@@ -88,35 +107,7 @@ def track_frames(
     legs = [range(start, max(stop, start + 1))]
     if start > first:
         legs.append(range(start, first - 1, -1))
-    total = max(stop - start, 1) + max(start - first, 0)
-    saved = checkpoint.load(observations) if checkpoint is not None else None
-    results = saved.results if saved is not None else {}
-    for number, leg in enumerate(legs):
-        if saved is not None and number < saved.leg:
-            continue
-        make_room()
-        if isinstance(tracker, Tracker):
-            worker = FrameTracker(observations, tracker, key)
-        else:
-            worker = tracker.follow(observations, key)
-        if saved is not None and number == saved.leg:
-            worker.restore(saved.state)
-            saved = saved._replace(state={})
-            leg = range(saved.frame + leg.step, leg.stop, leg.step)
-        for shown in _shown(observations, leg):
-            is_start = shown.frame == start
-            result = worker.first(shown, observations.key_poses[start]) if is_start else worker.track(shown)
-            release_memory()
-            if shown.frame in results:
-                continue
-            results[shown.frame] = result
-            for revised in worker.search_backwards():
-                results[revised.frame] = revised
-            if checkpoint is not None:
-                checkpoint.keep(results, number, shown.frame, worker)
-            if progress is not None:
-                progress(Progress(len(results), total, result))
-    return [results[frame] for frame in range(first, stop)]
+    return legs, range(first, stop)
 
 
 def motion_of(
@@ -131,14 +122,7 @@ def motion_of(
     these frames are judged; all in frames of the first video like the motion's own."""
     capture, character = observations.capture, observations.character
     settings = verdict or VerdictSettings()
-    spans, found, odd = (
-        lost_spans(results, character, capture.fps, settings),
-        doubts(
-            *(results, settings, key_poses_of(observations.key_poses)), mean_deviations(character.skeleton, results)
-        ),
-        outlier_cameras(results, settings, capture.camera_names),
-    )
-    results = without_trust(with_doubts(results, found, settings), spans, character)
+    judged = judge_sequence(results, character, capture.fps, settings, observations.key_poses, capture.camera_names)
     numbers, positions = capture.video_frames[0], np.array([result.frame for result in results])
     poses = Pose(
         jax.device_put(np.stack([r.pose.root for r in results])),
@@ -151,15 +135,18 @@ def motion_of(
         poses,
         numbers[positions],
         capture.timestamps[positions],
-        confidence=np.stack([result.confidence for result in results]),
-        status=[result.status for result in results],
-        covariance=joint_covariances(character.skeleton, results),
+        confidence=judged.confidence,
+        status=judged.status,
+        covariance=joint_covariances(character.skeleton, results, judged.confidence),
         energy={name: np.array([result.energy.get(name, np.nan) for result in results]) for name in terms},
         provenance={
             "seconds_per_frame": float(np.mean(seconds)),
             **{
-                name: [asdict(replace(s, first=int(numbers[s.first]), last=int(numbers[s.last]))) for s in listed]
-                for name, listed in (("lost", spans), ("doubts", found), ("outlier_cameras", odd))
+                name: [
+                    asdict(replace(span, first=int(numbers[span.first]), last=int(numbers[span.last])))
+                    for span in getattr(judged, name)
+                ]
+                for name in ("lost", "doubts", "outlier_cameras")
             },
             **(provenance or {}),
         },
@@ -182,11 +169,10 @@ def track(
     `start` replaces the registered pose of the frame at which tracking starts. Same key, same bits.
     """
     tracker = Tracker() if tracker is None else tracker
-    if start is not None:
-        first = (frames or (0, 0))[0]
-        before = [frame for frame in sorted(observations.key_poses) if frame <= first]
-        anchor = before[-1] if before else min(observations.key_poses)
-        observations.key_poses[anchor] = start.pose if isinstance(start, Registration) else start
     key = jax.random.key(0) if key is None else key
+    if start is not None:
+        legs, _ = _legs(observations, frames)
+        pose = start.pose if isinstance(start, Registration) else start
+        observations = observations.with_key_pose(legs[0].start, pose)
     results = track_frames(observations, tracker, key=key, frames=frames, progress=progress)
     return motion_of(observations, results, verdict=tracker.verdict)

@@ -1,15 +1,15 @@
 """How far results may be trusted: signals, confidence, lost parts, outlier cameras, uncertainty."""
 
-from ._doubts import Doubt as Doubt, doubts as doubts, with_doubts as with_doubts
-from ._frame_result import FrameResult as FrameResult, between as between, passed_over as passed_over
-from ._frame_verdict import Verdict as Verdict, VerdictSettings as VerdictSettings, judge as judge
-from ._lost import (
-    LostSpan as LostSpan,
-    limb_deviation as limb_deviation,
-    lost_spans as lost_spans,
-    without_trust as without_trust,
+from ._doubts import Doubt as Doubt, doubts as doubts
+from ._frame_result import FrameResult as FrameResult, passed_over as passed_over, poses_between as poses_between
+from ._frame_verdict import (
+    FrameVerdict as FrameVerdict,
+    VerdictSettings as VerdictSettings,
+    judge_frame as judge_frame,
 )
+from ._lost import LostSpan as LostSpan, limb_deviation as limb_deviation, lost_spans as lost_spans
 from ._outlier_camera import OutlierCamera as OutlierCamera, outlier_cameras as outlier_cameras
+from ._sequence_verdict import SequenceVerdict as SequenceVerdict, judge_sequence as judge_sequence
 from ._signals import FrameSignals as FrameSignals, frame_signals as frame_signals
 from ._uncertainty import (
     UncertaintySettings as UncertaintySettings,

@@ -2,7 +2,7 @@
 frames together say."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -78,24 +78,6 @@ def doubts(
         for first, stop in runs(frames)
     ]
     return sorted(found, key=lambda span: (span.first, span.why))
-
-
-def with_doubts(results: Sequence[FrameResult], found: Sequence[Doubt], settings: VerdictSettings) -> list[FrameResult]:
-    """The results with frames that are not to be trusted "doubtful", if not "lost", and their confidence at most
-    `settings.confidence` where their pixels are the reason; and with those "ok" that only a contradicted camera speaks
-    against."""
-    judged = []
-    for result in results:
-        reasons = {doubt.why for doubt in found if doubt.first <= result.frame <= doubt.last}
-        if reasons and result.energy:
-            most = 1.0 if reasons == {UNTOLD} else settings.confidence
-            confidence = np.minimum(result.confidence, most)
-            status = "doubtful" if result.status == "ok" else result.status
-            result = replace(result, status=status, confidence=confidence)
-        elif result.status == "doubtful" and result.energy:
-            result = replace(result, status="ok")
-        judged.append(result)
-    return judged
 
 
 def _apart(

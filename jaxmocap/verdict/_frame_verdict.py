@@ -3,14 +3,19 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from jaxmocap.character import Character
+from jaxmocap.search import DrawnPose, Evidence
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """`confidence` per landmark in [0, 1], and "ok", "doubtful" or "lost"."""
+class FrameVerdict:
+    """What a frame says of itself.
+
+    confidence: of every landmark, 0 to 1.
+    status: "ok", "doubtful" or "lost".
+    covered_cost: mean cost of Eq. 6 over the covered pixels.
+    """
 
     confidence: Float[np.ndarray, "landmark"]
     status: str
@@ -19,21 +24,25 @@ class Verdict:
 
 @dataclass(frozen=True)
 class VerdictSettings:
-    """Mean cost of Eq. 6 over the covered pixels (0 explains them, 0.5 says nothing, 1 is background): above
-    `doubtful` or `lost`, or when the body moves faster than `top_speed` metres per second, the frame is called so; it
-    is doubtful, too, when more than `uncovered` of the person's pixels look foreign but are not covered, as an arm that
-    was lost. A limb is lost when less than `hidden` of its outer half is seen in any view, when the mean cost of that
-    half is above `foreign`, or when it is more than `limb_deviation` metres from halfway between the frames before and
-    after, an acceleration above `acceleration_limit` metres per second squared.
+    """Where frames and limbs are called doubtful or lost; not in the paper. Costs are those of Eq. 6, mean over pixels:
+    0 explains them, 0.5 says nothing, 1 is background. Chosen beside three captures (`benchmarks/verdicts.py`).
 
-    A frame is doubtful, too, when half of the pairs of cameras, or more, do not show the same body there: what the two
-    show of its surface lies, in the median over the surface, more than `view_gap` metres apart, or is the same in less
-    than `matched` of it; when the background that the body covers and the person that it does not are more than
-    `outline` of the body, mean over the views, as an arm and a half; and when the standard deviation of a joint's
-    place, mean over the body, is more than `joint_deviation` metres, as where one camera does not tell how far away it
-    is; all in the median of `steady` frames. A camera that agrees with no other, where others agree, is left out of all of
-    it. When half of the selected frames are doubtful all are, for everything rests on them. Doubtful frames have at
-    most `confidence`, but for those of which only the deviation is large: their pixels are explained."""
+    doubtful: cost of the covered pixels above which a frame is doubtful.
+    lost: cost above which it is lost.
+    top_speed: metres per second of the root above which a frame is doubtful, and at twice of which it is lost.
+    uncovered: share of the person that may look foreign and stay uncovered, as an arm that was lost does.
+    least_pixels: pixels of a body below which its confidence is that of the nearest ancestor with more.
+    hidden: a limb is lost when less than this share of its distal half is seen in any view,
+    foreign: or when the cost of that half is above this,
+    limb_deviation: or when it is more metres than this from halfway between the frames before and after,
+    acceleration_limit: at an acceleration above this, metres per second squared.
+    view_gap: metres that two views may show the body's surface apart, in the median over it.
+    matched: share of the surface at which two views have to show the same.
+    outline: background covered and person not covered, as a share of the body, mean over the views: an arm and a half.
+    joint_deviation: metres that a joint's standard deviation may be, mean over the body.
+    steady: frames whose median counts for the last four, and for cameras that contradict the others.
+    confidence: what a landmark of a doubtful frame has at most, unless only `joint_deviation` is the reason.
+    """
 
     doubtful: float = 0.42
     lost: float = 0.55
@@ -52,30 +61,22 @@ class VerdictSettings:
     confidence: float = 0.25
 
 
-def judge(
-    character: Character,
-    face_bodies: Int[np.ndarray, "face"],
-    ids: Int[np.ndarray, "camera height width"],
-    costs: Float[np.ndarray, "camera height width"],
-    speed: float,
-    settings: VerdictSettings,
-    uncovered: float = 0.0,
-) -> Verdict:
-    """Verdict of a frame from its face ids, pixel costs, and the share of the person left uncovered.
-
-    A body seen in fewer than `least_pixels` pixels takes the confidence of the nearest ancestor that is seen.
-    """
-    covered = ids >= 0
-    bodies = len(character.skeleton.body_names)
+def judge_frame(
+    evidence: Evidence, drawn: DrawnPose, settings: VerdictSettings, speed: float = 0.0, uncovered: float = 0.0
+) -> FrameVerdict:
+    """Judge a frame by its drawn answer, the root's speed in metres per second and the share of the person that is left
+    uncovered."""
+    skeleton, covered = evidence.character.skeleton, drawn.ids >= 0
+    bodies = len(skeleton.body_names)
     if not covered.any():
-        return Verdict(np.zeros(len(character.skeleton.landmark_names)), "lost", 1.0)
-    body = face_bodies[ids[covered]]
+        return FrameVerdict(np.zeros(len(skeleton.landmark_names)), "lost", 1.0)
+    body = evidence.face_bodies[drawn.ids[covered]]
     count = np.bincount(body, minlength=bodies)
-    cost = np.bincount(body, weights=costs[covered], minlength=bodies) / np.maximum(count, 1)
+    cost = np.bincount(body, weights=drawn.costs[covered], minlength=bodies) / np.maximum(count, 1)
     confidence = np.clip(1.25 - 1.75 * cost, 0.0, 1.0)
-    overall = float(costs[covered].mean())
+    overall = float(drawn.costs[covered].mean())
     general = float(np.clip(1.25 - 1.75 * overall, 0.0, 1.0))
-    for index, parent in enumerate(character.skeleton.parents):
+    for index, parent in enumerate(skeleton.parents):
         if count[index] < settings.least_pixels:
             confidence[index] = confidence[parent] if parent >= 0 else general
     status = "ok"
@@ -83,4 +84,4 @@ def judge(
         status = "lost"
     elif overall > settings.doubtful or speed > settings.top_speed or uncovered > settings.uncovered:
         status = "doubtful"
-    return Verdict(confidence[list(character.skeleton.landmark_bodies)], status, overall)
+    return FrameVerdict(confidence[list(skeleton.landmark_bodies)], status, overall)

@@ -1,7 +1,7 @@
 """Where the body or a limb was lost: spans of frames with a reason, for the report and for whoever reads it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
@@ -56,22 +56,6 @@ def lost_spans(
         jumping = _jumping(results, character, group, fps, settings)
         spans += _spans(results, jumping & ~hidden & ~foreign & ~body, name, JUMPING)
     return sorted(spans, key=lambda span: (span.first, span.part))
-
-
-def without_trust(results: Sequence[FrameResult], spans: Sequence[LostSpan], character: Character) -> list[FrameResult]:
-    """The results with no confidence in the landmarks of lost parts."""
-    skeleton = character.skeleton
-    moved = {label: skeleton.bodies_of(name) for name, label in skeleton.limb_labels.items()}
-    moved["body"] = np.ones(len(skeleton.body_names), bool)
-    bodies = np.array(skeleton.landmark_bodies)
-    marked = []
-    for result in results:
-        confidence = result.confidence
-        for span in spans:
-            if span.first <= result.frame <= span.last:
-                confidence = np.where(moved[span.part][bodies], 0.0, confidence)
-        marked.append(replace(result, confidence=confidence))
-    return marked
 
 
 def _jumping(

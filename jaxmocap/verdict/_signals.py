@@ -6,12 +6,12 @@ from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float
 
-from jaxmocap.character import Character, Pose, Skeleton, skin
-from jaxmocap.observation import FrameImages, FrameProblem, Rectangle
+from jaxmocap.character import Pose, Skeleton, skin
+from jaxmocap.observation import Frame
 from jaxmocap.refinement import Comparison, FlowSettings, compare, padded, same_time_sources
-from jaxmocap.search import Seen
+from jaxmocap.search import DrawnPose, Evidence, without_seams
 
 _LEAST_PIXELS = 100
 """Of a body, or a limb's outer half, that two views show, to say something about it."""
@@ -56,55 +56,45 @@ class FrameSignals:
 
 
 def frame_signals(
-    character: Character,
-    pose: Pose,
-    shown: FrameImages,
-    problem: FrameProblem,
-    rectangle: Rectangle,
-    seen: Seen,
-    face_bodies: Int[np.ndarray, "face"],
-    outer_bodies: list[Bool[np.ndarray, "body"]],
-    settings: FlowSettings,
-    speed: float = 0.0,
+    evidence: Evidence, frame: Frame, drawn: DrawnPose, settings: FlowSettings, speed: float = 0.0
 ) -> FrameSignals:
-    """The signals of a pose that `seen` has drawn."""
-    covered, background = seen.ids >= 0, np.asarray(problem.background)
+    """The signals of a pose that was drawn in a frame."""
+    covered, background = drawn.ids >= 0, np.asarray(frame.problem.background)
     foreign, alike = background > 0.5, background < 0.5  # 0.5 where nothing is known
-    gaps, matched, limbs = _between_views(
-        character, pose, shown, problem, rectangle, seen, face_bodies, outer_bodies, settings
-    )
+    gaps, matched, limbs = _between_views(evidence, frame, drawn, settings)
     return FrameSignals(
-        np.array([c[b].mean() if b.any() else 1.0 for c, b in zip(seen.costs, covered, strict=True)]),
-        _blobs(alike & covered, covered, (alike | foreign) & covered),
-        _blobs(foreign & ~covered, covered, covered),
+        np.array([c[b].mean() if b.any() else 1.0 for c, b in zip(drawn.costs, covered, strict=True)]),
+        _shares(alike & covered, covered, (alike | foreign) & covered),
+        _shares(foreign & ~covered, covered, covered),
         matched,
         gaps,
         limbs,
-        _share_at_limit(character.skeleton, pose),
+        _share_at_limit(evidence.character.skeleton, drawn.pose),
         speed,
     )
 
 
-def _blobs(
+def _shares(
     marked: Bool[np.ndarray, "camera height width"],
     covered: Bool[np.ndarray, "camera height width"],
     whole: Bool[np.ndarray, "camera height width"],
 ) -> Float[np.ndarray, "camera"]:
     """The marked pixels of each view as a share of `whole`, 0 where that is little; thin seams do not count."""
-    shares = []
-    for here, body, of in zip(marked, covered, whole, strict=True):
-        width = 2 * round(0.05 * np.sqrt(body.sum()) / 2) + 1
-        opened = cv2.morphologyEx(here.astype(np.uint8), cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
-        shares.append(opened.sum() / of.sum() if of.sum() >= _LEAST_PIXELS else 0.0)
-    return np.array(shares, float)
+    views = zip(marked, covered, whole, strict=True)
+    return np.array(
+        [without_seams(here, body).sum() / of.sum() if of.sum() >= _LEAST_PIXELS else 0.0 for here, body, of in views],
+        float,
+    )
 
 
-def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies, outer_bodies, settings):
+def _between_views(
+    evidence: Evidence, frame: Frame, drawn: DrawnPose, settings: FlowSettings
+) -> tuple[Float[np.ndarray, "pair"], Float[np.ndarray, "pair"], Float[np.ndarray, "limb"]]:
     """`view_gaps`, `matched` and `limb_gaps`."""
-    vertices = skin(character, pose)
-    crops: list[UInt8[np.ndarray, "height width 3"]] = [rectangle.crop(im, c) for c, im in enumerate(shown.images)]
+    character, problem = evidence.character, frame.problem
+    vertices, crops = skin(character, drawn.pose), frame.crops()
     pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
-    views = same_time_sources(pictures, problem, vertices, seen.ids)
+    views = same_time_sources(pictures, problem, vertices, drawn.ids)
     middle = np.append(np.asarray(vertices).mean(0), 1.0)
     cam_from_world = np.asarray(problem.cam_from_world)
     angles = view_angles(cam_from_world, middle[:3])
@@ -114,11 +104,11 @@ def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies
         m, n = pair
         if angles[m, n] > WIDEST:
             return None
-        return compare(character, vertices, seen.ids[m], greys[m], m, problem, views[n], settings)
+        return compare(character, vertices, drawn.ids[m], greys[m], m, problem, views[n], settings)
 
     pairs = list(itertools.permutations(range(problem.num_cameras), 2))
     gaps, matched = [], []
-    limbs: list[list[np.ndarray]] = [[np.zeros(0)] for _ in outer_bodies]
+    limbs: list[list[np.ndarray]] = [[np.zeros(0)] for _ in evidence.distal]
     with ThreadPoolExecutor(max_workers=2) as pool:
         comparisons = list(pool.map(compared, pairs))
     for (m, _), found in zip(pairs, comparisons, strict=True):
@@ -128,12 +118,12 @@ def _between_views(character, pose, shown, problem, rectangle, seen, face_bodies
             continue
         metres = float((cam_from_world[m] @ middle)[2]) / float(np.asarray(problem.intrinsics)[m, 0, 0])
         distances = metres * np.linalg.norm(found.moved[found.good], axis=1)
-        bodies = face_bodies[seen.ids[m][found.good]]
+        bodies = evidence.face_bodies[drawn.ids[m][found.good]]
         shared = found.seen.sum()
         gaps.append(_median(distances))
         matched.append(found.good.sum() / shared if shared >= _LEAST_PIXELS else np.nan)
-        for limb, outer in zip(limbs, outer_bodies, strict=True):
-            limb.append(distances[outer[bodies]])
+        for limb, distal in zip(limbs, evidence.distal, strict=True):
+            limb.append(distances[distal[bodies]])
     medians = [_median(np.concatenate(limb)) for limb in limbs]
     return np.array(gaps, float), np.array(matched, float), np.array(medians, float)
 

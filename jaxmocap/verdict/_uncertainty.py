@@ -15,15 +15,20 @@ from ._frame_result import FrameResult
 
 
 class UncertaintySettings(NamedTuple):
-    """How J^T J and particles become a covariance; not in the paper. `correlated` is the number of rows of the
-    refinement that tell as much as one, for neighbouring points of a contour err alike; `free_root` (metres, radians)
-    and `free_angle` (radians) are the deviations of what nothing tells; `particles` scales the deviation of the last
-    particles. All deviations are then multiplied by `scale`, and by 1 + `doubt` where a joint has no confidence;
-    `floor` is a deviation in metres that every joint has, of the skeleton itself.
+    """How J^T J and the last particles become a covariance; not in the paper.
 
     `scale`, `doubt` and `floor` are those of greatest likelihood on one capture of a dancer with known truth. Errors
     have heavier tails than any normal distribution, a limb is right or mistaken: the region of 90 % then holds 90 %,
-    that of 50 % more and that of 99 % less. `benchmarks/uncertainty.py` measures it on any capture."""
+    that of 50 % more and that of 99 % less. `benchmarks/uncertainty.py` measures it on any capture.
+
+    correlated: rows of the refinement that tell as much as one, for neighbouring points of a contour err alike.
+    free_root: deviation of a root that nothing tells, metres and radians.
+    free_angle: deviation of an angle that nothing tells, radians.
+    particles: weight of the last particles' deviation.
+    scale: factor on all deviations.
+    doubt: a landmark without confidence has 1 + `doubt` times the deviation.
+    floor: metres of deviation that every joint has, of the skeleton itself.
+    """
 
     correlated: float = 30.0
     free_root: float = 0.3
@@ -35,9 +40,14 @@ class UncertaintySettings(NamedTuple):
 
 
 def joint_covariances(
-    skeleton: Skeleton, results: Sequence[FrameResult], settings: UncertaintySettings | None = None
+    skeleton: Skeleton,
+    results: Sequence[FrameResult],
+    confidence: Float[np.ndarray, "frame landmark"] | None = None,
+    settings: UncertaintySettings | None = None,
 ) -> Float[np.ndarray, "frame landmark 3 3"]:
     """Covariance of every landmark in every frame, square metres, world axes: first order around the pose.
+
+    `confidence` is what is left of it once the sequence is judged, by default what each frame alone tells.
 
     What the pictures do not tell, an arm behind the body, keeps the deviation it has when free. A frame at which the
     tracking began takes the J^T J of a frame next to it; one that was passed over has none.
@@ -50,7 +60,8 @@ def joint_covariances(
         jax.device_put(np.stack([r.pose.angles for r in results])),
     )
     found = np.asarray(_covariances(skeleton, poses, jax.device_put(hessians), jax.device_put(deviations), settings))
-    doubt = 1 - np.stack([np.asarray(result.confidence, np.float32) for result in results])
+    trusted = [result.confidence for result in results] if confidence is None else confidence
+    doubt = 1 - np.stack([np.asarray(row, np.float32) for row in trusted])
     factor = settings.scale * (1 + settings.doubt * doubt)
     return factor[..., None, None] ** 2 * found + settings.floor**2 * np.eye(3, dtype=np.float32)
 
@@ -61,7 +72,7 @@ def mean_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float
     if all(result.hessian is None for result in results):
         return None
     settings = UncertaintySettings(doubt=0.0)
-    variances = np.trace(joint_covariances(skeleton, results, settings), axis1=-2, axis2=-1)
+    variances = np.trace(joint_covariances(skeleton, results, settings=settings), axis1=-2, axis2=-1)
     return np.sqrt(variances).mean(axis=1, dtype=float)
 
 
@@ -71,9 +82,9 @@ def _hessians(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame dof do
     own = [h if h is None or np.isfinite(h).all() else None for h in (result.hessian for result in results)]
     found = []
     for index, (result, hessian) in enumerate(zip(results, own, strict=True)):
-        beside = [own[n] for n in (index + 1, index - 1) if 0 <= n < len(own) and own[n] is not None]
-        if hessian is None and result.energy and beside:
-            hessian = beside[0]
+        next_to = [own[n] for n in (index + 1, index - 1) if 0 <= n < len(own) and own[n] is not None]
+        if hessian is None and result.energy and next_to:
+            hessian = next_to[0]
         found.append(nothing if hessian is None else np.asarray(hessian, np.float32))
     return np.stack(found)
 

@@ -22,8 +22,8 @@ def found(world, tracker, detections=None):
     key = jax.random.key(0)
     own = isinstance(tracker, Tracker)
     worker = FrameTracker(observations, tracker, key) if own else tracker.follow(observations, key)
-    worker.first(world.shown(1), world.pose(1))
-    result = worker.track(world.shown(2))
+    state = worker.first(world.shown(1), world.pose(1)).state
+    result = worker.track(state, world.shown(2)).result
     assert result.frame == 2
     assert result.status in ("ok", "doubtful", "lost")
     limits = world.character.skeleton
@@ -76,13 +76,13 @@ def test_the_colours_of_the_selected_frames_tell_the_person_from_the_ground(worl
 def test_posecut_minimises_its_energy_whose_minimum_is_near_the_person(world):
     baseline = PoseCut()
     worker = baseline.follow(world.observations(), jax.random.key(0))
-    worker.first(world.shown(1), world.pose(1))
-    energy = baseline.energy(worker, world.shown(2), world.rectangle(2), world.pose(1))
+    state = worker.first(world.shown(1), world.pose(1)).state
+    energy = baseline.energy(worker, world.frame(2), world.pose(1))
     step = lambda pose: np.asarray(difference(world.character.skeleton, world.pose(1), pose))  # noqa: E731
     sideways = np.zeros(39)
     sideways[0] = 0.3
     assert energy(step(world.pose(2))) < energy(np.zeros(39)) < energy(sideways)
-    pose = worker.track(world.shown(2)).pose
+    pose = worker.track(state, world.shown(2)).result.pose
     assert energy(step(pose)) < energy(step(world.pose(2)))  # a stick figure's best fit is not the truth
     assert error(world, pose, 2) < 4.5
 

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap import _runtime
 from jaxmocap._cache import _programs, cached_jit, optimised_jit, preload_programs, programs_recorded
 from jaxmocap.character import Pose
 
@@ -142,9 +141,9 @@ def test_compiled_programs_are_dropped_before_memory_maps_run_out(folder, monkey
     before = maps()
     answers = [kept(*arguments(size)) for size in sizes]
     full = maps()
-    _runtime.make_room()
+    _programs.make_room()
     assert maps() > before + 0.9 * (full - before) > before + len(sizes)
-    monkeypatch.setattr(_runtime, "_MOST_MAPS", full - 1)
-    _runtime.make_room()
+    monkeypatch.setattr(_programs, "MOST_MAPS", full - 1)
+    _programs.make_room()
     assert maps() < before + 0.5 * (full - before)
     same(answers, [kept(*arguments(size)) for size in sizes])

@@ -74,16 +74,17 @@ def test_a_filmed_person_stands_out_from_the_first_frame_on(world):
     appearance = replace(world.appearance, settings=replace(world.appearance.settings, behind="plate"))
     observations = replace(world.observations(), appearance=appearance)
     cold = np.asarray(observations.problem(world.shown(2), world.rectangle(2), world.pose(2)).background)
-    observations.restart()
-    for frame in (0, 1):
-        observations.problem(world.shown(frame), world.rectangle(frame), world.pose(frame))
-        observations.learn(world.shown(frame), world.rectangle(frame), world.pose(frame))
-    warm = np.asarray(observations.problem(world.shown(2), world.rectangle(2), world.pose(2)).background)
+    known = observations.background.start()
+    for number in (0, 1):
+        given = world.shown(number), world.rectangle(number), world.pose(number)
+        _, known = observations.observe(*given, known)
+        known = observations.background.learn(known, *given)
+    frame, _ = observations.observe(world.shown(2), world.rectangle(2), world.pose(2), known)
+    warm = np.asarray(frame.problem.background)
     masks, unknown = world.masks(2), float(appearance.settings.plate.unknown)
     for background in (cold, warm):
         known = background != unknown
         assert np.median(background[~masks & known]) < 0.05
         assert background[masks & known].mean() > 0.8
-    observations.restart()
     again = np.asarray(observations.problem(world.shown(2), world.rectangle(2), world.pose(2)).background)
     np.testing.assert_array_equal(again, cold)

@@ -10,6 +10,7 @@ from perturbed import arm_away, perturbed, vertex_errors
 from jaxmocap.capture import Detections
 from jaxmocap.character import retract
 from jaxmocap.energies import search_energy
+from jaxmocap.observation import Frame
 from jaxmocap.refinement import DetectionPlan, Refinement, RefinePlan
 from jaxmocap.search import Effort, SearchPlan
 from jaxmocap.track import FrameTracker, Tracker
@@ -29,8 +30,8 @@ def tracked(world, tmp_path_factory):
         detections = Detections.open(world.capture, folder, frames) if frames else None
         tracker = Tracker(ENERGY, SEARCH, refine=None, detections=DetectionPlan() if frames else None)
         worker = FrameTracker(world.observations(detections), tracker, jax.random.key(0))
-        worker.first(world.shown(1), arm_away(world, 1))
-        return worker.track(world.shown(2))
+        state = worker.first(world.shown(1), arm_away(world, 1)).state
+        return worker.track(state, world.shown(2)).result
 
     return run
 
@@ -65,10 +66,10 @@ def test_detections_are_rows_of_the_refinement(world, tmp_path):
     folder = world.write_keypoints(tmp_path / "keypoints", (1,))
     observations = world.observations(Detections.open(world.capture, folder))
     start, shown, rectangle = perturbed(world, 1, 8.0, kind="limbs"), world.shown(1), world.rectangle(1)
-    problem = observations.problem(shown, rectangle, start)
+    frame = Frame(shown, rectangle, observations.problem(shown, rectangle, start))
     errors = []
     for detections in (None, DetectionPlan(scale=0.02)):
         refinement = Refinement(observations, RefinePlan(rounds=3), detections)
-        pose, _ = refinement(start, shown, problem, rectangle, None)
+        pose, _ = refinement(frame, start, None)
         errors.append(vertex_errors(world, 1, pose).mean())
     assert errors[1] < 0.1 * errors[0]

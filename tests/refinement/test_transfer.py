@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from jaxmocap.energies import barycentric_at, rays
+from jaxmocap.geometry import facing_cosine
 from jaxmocap.observation import full_image_ids
-from jaxmocap.refinement._transfer import View, carry, facing
+from jaxmocap.refinement._transfer import View, transfer
 
 HERE, THERE = 2, 0
 
@@ -23,7 +24,7 @@ def everything_near(world):
 
 
 def carried(world, view, source, near=None):
-    return carry(np.asarray(world.character.faces), everything_near(world) if near is None else near, view, source)
+    return transfer(np.asarray(world.character.faces), everything_near(world) if near is None else near, view, source)
 
 
 def pixel_of(source, points):
@@ -89,7 +90,7 @@ def test_what_lies_behind_the_source_is_not_seen(world):
 
 def test_facing_is_one_for_a_triangle_square_to_the_view():
     square = np.array([[[0.0, 0, 2], [0, 1, 2], [1, 0, 2]]]) - np.array([1 / 3, 1 / 3, 0])
-    np.testing.assert_allclose(facing(square), 1.0)
-    np.testing.assert_allclose(facing(square[:, ::-1]), -1.0)
+    np.testing.assert_allclose(facing_cosine(square), 1.0)
+    np.testing.assert_allclose(facing_cosine(square[:, ::-1]), -1.0)
     flat = np.zeros((1, 3, 3))
-    assert np.isfinite(facing(flat)).all()
+    assert np.isfinite(facing_cosine(flat)).all()

@@ -11,7 +11,7 @@ from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.observation import draw
 from jaxmocap.samplers import InteractingSimulatedAnnealing
-from jaxmocap.search import Stage, group_searches, unexplained
+from jaxmocap.search import Stage, group_searches, uncovered_share
 from jaxmocap.search._group_search import simplified_mesh, wide_population
 
 FRAME = 2
@@ -82,7 +82,7 @@ def test_a_lost_arm_leaves_part_of_the_person_uncovered(world):
     seen = jnp.asarray(world.masks(FRAME), jnp.float32)
     problem = eqx.tree_at(lambda p: p.background, world.problem(FRAME), seen)
     shares = [
-        unexplained(np.asarray(draw(world.character, pose, problem)[1]), problem)
+        uncovered_share(np.asarray(draw(world.character, pose, problem)[1]), problem)
         for pose in (world.pose(FRAME), arm_away(world, FRAME))
     ]
     assert shares[0] < 0.02

@@ -9,8 +9,8 @@ from perturbed import arm_away, vertex_errors
 from jaxmocap._runtime import Clock
 from jaxmocap.character import difference, retract, with_limb
 from jaxmocap.energies import search_energy
-from jaxmocap.search import BodySearch, Effort, SearchPlan
-from jaxmocap.track import BackwardSearch, FrameTracker, Tracker
+from jaxmocap.search import Effort, Evidence, SearchPlan
+from jaxmocap.track import Answer, BackwardSearch, FrameTracker, Tracker
 from jaxmocap.track._backward_search import doubtful_run
 from jaxmocap.verdict import limb_deviation
 
@@ -44,28 +44,27 @@ def test_a_limb_is_moved_part_of_the_way(world):
 
 
 def looked_back(world, poses, settings=BackwardSearch()):
-    """A tracker that has found these poses in the three frames, and what it says on looking back."""
+    """A tracker that has found these poses in the three frames, its last step, and all results before that."""
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
     plan = SearchPlan((Effort(2, 12),), particles=64)
-    tracker = FrameTracker(
-        world.observations(), Tracker(energy, plan, refine=None, backward_search=settings), jax.random.key(0)
-    )
-    found = []
-    for frame, pose in enumerate(poses):
-        shown, rectangle = world.shown(frame), world.rectangle(frame)
-        found.append(
-            tracker._finish(shown, world.problem(frame), rectangle, pose, np.zeros(39), None, Clock())
-        )  # fmt: skip
-    return tracker, found, tracker.search_backwards()
+    plain = Tracker(energy, plan, refine=None, backward_search=settings)
+    tracker = FrameTracker(world.observations(), plain, jax.random.key(0))
+    state, found = tracker.first(world.shown(0), poses[0]).state._replace(recent=(), history=None), []
+    for number, pose in enumerate(poses):
+        answer = Answer(pose, np.zeros(tracker.character.skeleton.num_dofs))
+        step = tracker.judge(state, world.frame(number), answer, Clock())
+        state = step.state
+        found.append(step.result)
+    return tracker, found, step
 
 
 @pytest.mark.slow
 def test_a_lost_arm_is_found_from_the_frame_after(world):
     poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
-    tracker, found, revised = looked_back(world, poses)
-    assert [result.frame for result in revised] == [LOST]
-    assert found[-1].seconds["backward search"] > 0
-    arm = next(group for group in tracker.search.groups if group.name == "l_arm")
+    tracker, found, (state, result, revised) = looked_back(world, poses)
+    assert [one.frame for one in revised] == [LOST]
+    assert result.seconds["backward search"] > 0
+    arm = next(group for group in tracker.body_search.groups if group.name == "l_arm")
     vertices = np.unique(np.asarray(world.character.faces)[np.asarray(arm.part.moves)])
     before, after = (vertex_errors(world, LOST, pose)[vertices].mean() for pose in (poses[LOST], revised[0].pose))
     assert before > 0.1
@@ -73,8 +72,8 @@ def test_a_lost_arm_is_found_from_the_frame_after(world):
     wrist = list(world.character.skeleton.landmark_names).index("l_wrist")
     assert revised[0].confidence[wrist] > found[LOST].confidence[wrist] + 0.2
     moved = difference(world.character.skeleton, revised[0].pose, poses[2])
-    np.testing.assert_allclose(tracker.history.increments[-1], moved, atol=1e-6)
-    assert tracker.search_backwards() == []
+    np.testing.assert_allclose(state.history.increments[-1], moved, atol=1e-6)
+    assert [one.result.pose is revised[0].pose for one in state.recent] == [False, True, False]
 
 
 def test_a_limb_is_compared_with_halfway_and_not_with_where_the_body_went(world):
@@ -93,21 +92,22 @@ def test_a_limb_is_compared_with_halfway_and_not_with_where_the_body_went(world)
 def test_an_arm_that_left_its_way_for_a_frame_is_searched_from_halfway(world):
     """All three frames look alike in cost, so that only the way tells."""
     poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
-    _, _, revised = looked_back(world, poses, BackwardSearch(foreign=2.0))
+    revised = looked_back(world, poses, BackwardSearch(foreign=2.0))[2].revised
     assert [result.frame for result in revised] == [LOST]
     assert vertex_errors(world, LOST, revised[0].pose).mean() < 0.01
-    assert looked_back(world, poses, BackwardSearch(foreign=2.0, deviation=9.0))[2] == []
-    assert looked_back(world, poses, BackwardSearch(foreign=2.0, acceleration_limit=1e5))[2] == []
+    assert looked_back(world, poses, BackwardSearch(foreign=2.0, deviation=9.0))[2].revised == ()
+    assert looked_back(world, poses, BackwardSearch(foreign=2.0, acceleration_limit=1e5))[2].revised == ()
 
 
 def test_an_answer_that_hides_the_limb_does_not_count(world, monkeypatch):
     poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]
-    monkeypatch.setattr(BodySearch, "shares", lambda self, pose, problem: np.full(4, float(pose is poses[LOST])))
-    assert looked_back(world, poses, BackwardSearch(foreign=2.0))[2] == []
-    assert looked_back(world, poses, BackwardSearch(foreign=2.0, hidden=0.0))[2] != []
+    shares = lambda self, drawn: np.full(4, float(drawn.pose is poses[LOST]))  # noqa: E731
+    monkeypatch.setattr(Evidence, "limb_shares", shares)
+    assert looked_back(world, poses, BackwardSearch(foreign=2.0))[2].revised == ()
+    assert looked_back(world, poses, BackwardSearch(foreign=2.0, hidden=0.0))[2].revised != ()
 
 
 def test_nothing_is_changed_where_nothing_is_doubtful(world):
-    tracker, _, revised = looked_back(world, [world.pose(frame) for frame in range(3)])
-    assert revised == []
-    np.testing.assert_array_equal(tracker.history.pose.angles, world.pose(2).angles)
+    _, _, step = looked_back(world, [world.pose(frame) for frame in range(3)])
+    assert step.revised == ()
+    np.testing.assert_array_equal(step.state.history.pose.angles, world.pose(2).angles)

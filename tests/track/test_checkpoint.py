@@ -12,6 +12,7 @@ from jaxmocap.appearance import AppearanceSettings
 from jaxmocap.observation import Observations
 from jaxmocap.search import Effort
 from jaxmocap.track import Checkpoint, Tracker, _checkpoint, track_frames
+from jaxmocap.track._checkpoint import Saved
 
 KEY = jax.random.key(3)
 INPUTS = {"seed": 3, "settings": "these"}
@@ -73,7 +74,7 @@ def test_it_goes_on_to_the_same_bits(world, whole, tmp_path, stop_after):
 def test_frames_brought_into_another_light_are_found_again_in_it(world, tmp_path):
     """Images are decoded anew, not stored, and must be divided by the same factors."""
     known = observations(world)
-    plain = next(known.frames(1, 2))
+    plain = next(known.frames(range(1, 2)))
     lit = plain.in_light(np.array([[1.2, 1.1, 0.9], [1.0, 1.0, 1.0]]))
     for shown in (plain, lit):
         frames = Checkpoint(tmp_path)._context(known)[1][0]
@@ -125,12 +126,12 @@ def test_writing_takes_little_of_the_time(tmp_path, monkeypatch):
     monkeypatch.setattr(_checkpoint.time, "monotonic", lambda: now[0])
     checkpoint = Checkpoint(tmp_path)
 
-    def save(_results, _leg, frame, _worker):
-        written.append(frame)
+    def save(saved, _observations):
+        written.append(saved.frame)
         now[0] += 1.0
 
     monkeypatch.setattr(checkpoint, "save", save)
     for frame in range(6):
-        checkpoint.keep({}, 0, frame, None)
+        checkpoint.keep(Saved({}, 0, frame, None, {}), None)
         now[0] += 20.0
     assert written == [0, 3]

@@ -8,7 +8,7 @@ from jaxmocap.character import difference
 from jaxmocap.energies import search_energy
 from jaxmocap.motion import MotionHistory, after
 from jaxmocap.observation import FrameImages, lit_apart
-from jaxmocap.track import FrameTracker, Tracker
+from jaxmocap.track import FrameTracker, Tracker, _frame
 
 
 def lit(world, frame, rows=slice(None), by=2.0):
@@ -34,38 +34,41 @@ def tracker(world, monkeypatch):
     """One that finds the truth wherever it looks."""
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
     plain = Tracker(energy, None, None, flow_start=False, longest_flash=1)
-    monkeypatch.setattr(FrameTracker, "_best_start", lambda self, shown, *rest: world.pose(shown.frame))
+    monkeypatch.setattr(_frame, "best_start", lambda score, tracker, frame, *rest: world.pose(frame.number))
     observations = world.observations()
     del observations.key_poses[1]
     tracker = FrameTracker(observations, plain, jax.random.key(0))
-    tracker.first(world.shown(0), world.pose(0))
-    return tracker
+    return tracker, tracker.first(world.shown(0), world.pose(0)).state
 
 
 def test_it_is_passed_over_and_lies_between_its_neighbours(world, tracker):
-    flash = tracker.track(lit(world, 1))
+    tracker, state = tracker
+    state, flash, revised = tracker.track(state, lit(world, 1))
     assert (flash.status, flash.energy, flash.confidence.max()) == ("doubtful", {}, 0.0)
-    assert tracker.search_backwards() == []
-    assert tracker.track(world.shown(2)).status == "ok"
-    (found,) = tracker.search_backwards()
+    assert revised == ()
+    state, result, (found,) = tracker.track(state, world.shown(2))
+    assert result.status == "ok"
     assert (found.frame, found.status) == (1, "doubtful")
     skeleton = world.character.skeleton
     steps = [difference(skeleton, found.pose, world.pose(frame)) for frame in (0, 2)]
     np.testing.assert_allclose(steps[0], -steps[1], atol=1e-3)
     assert np.abs(steps[0]).max() > 0.02
-    np.testing.assert_allclose(tracker.history.increments[0], tracker.history.increments[1])
-    assert len(tracker.history.increments) == 2
-    assert tracker.search_backwards() == []
+    np.testing.assert_allclose(state.history.increments[0], state.history.increments[1])
+    assert len(state.history.increments) == 2
+    assert state.passed_over == ()
 
 
 def test_a_selected_frame_is_known_in_any_light(world, tracker):
+    tracker, state = tracker
     tracker.observations.key_poses[1] = world.pose(1)
-    assert tracker.track(lit(world, 1)).energy != {}
+    assert tracker.track(state, lit(world, 1)).result.energy != {}
 
 
 def test_light_that_stays_is_taken_for_what_it_is(world, tracker):
-    assert tracker.track(lit(world, 1)).energy == {}
-    assert tracker.track(lit(world, 2)).energy != {}
+    tracker, state = tracker
+    state, result, _ = tracker.track(state, lit(world, 1))
+    assert result.energy == {}
+    assert tracker.track(state, lit(world, 2)).result.energy != {}
 
 
 def test_after_a_gap_the_motion_counts_per_frame(world):

@@ -9,6 +9,7 @@ from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.motion import MotionHistory
 from jaxmocap.track import FrameTracker, Tracker
+from jaxmocap.track._start import best_start
 
 FRAME = 2
 
@@ -35,7 +36,8 @@ def moved(world, **degrees):
 
 def started(world, tracker, pose, step):
     past = MotionHistory(world.shown(FRAME - 1).timestamp, pose, (np.asarray(step),))
-    return tracker._best_start(world.shown(FRAME), world.problem(FRAME), past, pose)
+    registered = tracker.observations.key_poses.get(FRAME)
+    return best_start(tracker.score, tracker.tracker, world.frame(FRAME), pose, past, registered)
 
 
 def test_a_limb_that_goes_on_as_before_is_found_at_its_place(world, trackers):

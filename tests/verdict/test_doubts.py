@@ -9,14 +9,14 @@ import pytest
 from perturbed import arm_away, moved
 
 from jaxmocap._cli._track import NOT_TRUSTED, report_trust
-from jaxmocap.character import dominant_bodies
 from jaxmocap.refinement import FlowSettings
-from jaxmocap.search import look_at
+from jaxmocap.search import Evidence
 from jaxmocap.track import FrameTracker, Tracker
 from jaxmocap.track._sequence import motion_of
-from jaxmocap.verdict import FrameSignals, VerdictSettings, doubts, frame_signals, outlier_cameras, with_doubts
+from jaxmocap.verdict import FrameSignals, VerdictSettings, doubts, frame_signals, outlier_cameras
 from jaxmocap.verdict._doubts import APART, OUTLINE, REGISTERED, UNEXPLAINED, UNTOLD
 from jaxmocap.verdict._outlier_camera import contradicted
+from jaxmocap.verdict._sequence_verdict import _trust
 from jaxmocap.verdict._signals import view_angles
 
 FRAME = 1
@@ -26,20 +26,12 @@ SETTINGS = VerdictSettings(steady=3)
 @pytest.fixture(scope="module")
 def true_result(world):
     tracker = FrameTracker(world.observations(), Tracker(search=None, refine=None), jax.random.key(0))
-    return tracker.first(world.shown(FRAME), world.pose(FRAME))
+    return tracker.first(world.shown(FRAME), world.pose(FRAME)).result
 
 
 def signals(world, pose, shown=None) -> FrameSignals:
-    character, problem = world.character, world.problem(FRAME)
-    return frame_signals(
-        *(character, pose, shown or world.shown(FRAME), problem, world.rectangle(FRAME)),
-        *(
-            look_at(character, pose, problem),
-            dominant_bodies(character),
-            character.skeleton.distal_bodies,
-            FlowSettings(),
-        ),
-    )
+    evidence, frame = Evidence.of(world.character), world.frame(FRAME, shown)
+    return frame_signals(evidence, frame, evidence.draw(pose, frame.problem), FlowSettings())
 
 
 def test_at_the_truth_both_views_show_the_same(world):
@@ -99,6 +91,11 @@ def frames(result, count, **changed):
     return made
 
 
+def trusted(results, found):
+    """Status and confidence of every frame once these doubts are known."""
+    return [_trust(result, found, SETTINGS) for result in results]
+
+
 def told(results, registered=()):
     return [(doubt.first, doubt.last, doubt.why) for doubt in doubts(results, SETTINGS, registered)]
 
@@ -150,7 +147,7 @@ def test_a_camera_that_two_others_contradict_has_no_say(true_result, camera):
     results = views(true_result, [[camera]], status="doubtful", costs=costs, uncovered=uncovered, bare=uncovered)
     assert told(results) == []
     assert odd(results) == [("abc"[camera], 0, 4)]
-    assert [one.status for one in with_doubts(results, doubts(results, SETTINGS), SETTINGS)] == ["ok"] * 5
+    assert [status for status, _ in trusted(results, doubts(results, SETTINGS))] == ["ok"] * 5
 
 
 def test_what_the_other_cameras_say_still_counts(true_result):
@@ -177,7 +174,7 @@ def test_a_frame_that_was_not_looked_at_between_frames_with_an_odd_camera_stays_
     results = views(true_result, [[1]])
     results[2] = replace(results[2], energy={}, signals=None, status="doubtful")
     found = doubts(results, SETTINGS)
-    assert [one.status for one in with_doubts(results, found, SETTINGS)] == ["ok", "ok", "doubtful", "ok", "ok"]
+    assert [status for status, _ in trusted(results, found)] == ["ok", "ok", "doubtful", "ok", "ok"]
 
 
 def test_two_cameras_are_always_heard(true_result):
@@ -209,10 +206,10 @@ def test_where_little_is_known_of_the_joints_the_frame_is_doubtful_but_its_pixel
     assert doubts(results, SETTINGS, deviations=np.full(6, known)) == doubts(results, SETTINGS)
     found = doubts(results, SETTINGS, deviations=np.array([known, known, unknown, unknown, unknown, unknown]))
     assert [(doubt.first, doubt.last, doubt.why) for doubt in found] == [(2, 5, UNTOLD), (4, 5, OUTLINE)]
-    judged = with_doubts(results, found, SETTINGS)
-    assert [one.status for one in judged] == ["ok", "ok", *["doubtful"] * 4]
-    np.testing.assert_array_equal(judged[3].confidence, results[3].confidence)
-    assert judged[4].confidence.max() <= SETTINGS.confidence
+    judged = trusted(results, found)
+    assert [status for status, _ in judged] == ["ok", "ok", *["doubtful"] * 4]
+    np.testing.assert_array_equal(judged[3][1], results[3].confidence)
+    assert judged[4][1].max() <= SETTINGS.confidence
 
 
 def test_where_the_selected_frames_are_wrong_all_are(true_result):

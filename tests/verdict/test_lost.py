@@ -11,8 +11,9 @@ from jaxmocap.energies import search_energy
 from jaxmocap.search import Effort, SearchPlan
 from jaxmocap.track import FrameTracker, Tracker
 from jaxmocap.track._sequence import motion_of
-from jaxmocap.verdict import LostSpan, VerdictSettings, lost_spans, without_trust
+from jaxmocap.verdict import LostSpan, VerdictSettings, lost_spans
 from jaxmocap.verdict._lost import FOREIGN, HIDDEN, JUMPING, LOST
+from jaxmocap.verdict._sequence_verdict import without_lost
 
 ENERGY = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
 PLAN = SearchPlan((Effort(2, 12),), particles=64)
@@ -22,7 +23,7 @@ SETTINGS = VerdictSettings()
 @pytest.fixture(scope="module")
 def true_results(world):
     tracker = FrameTracker(world.observations(), Tracker(search=None, refine=None), jax.random.key(0))
-    return [tracker.first(world.shown(frame), world.pose(frame)) for frame in range(3)]
+    return [tracker.first(world.shown(frame), world.pose(frame)).result for frame in range(3)]
 
 
 def spans(world, results):
@@ -46,14 +47,16 @@ def test_every_reason_has_its_span(world, true_results):
 
 
 def test_lost_parts_have_no_confidence_and_others_keep_theirs(world, true_results):
-    marked = without_trust(true_results, [LostSpan("left arm", 1, 1, HIDDEN)], world.character)
+    spans = [LostSpan("left arm", 1, 1, HIDDEN)]
+    skeleton = world.character.skeleton
+    marked = [without_lost(result.confidence, result.frame, spans, skeleton) for result in true_results]
     names = np.array(world.character.skeleton.landmark_names)
     arm = np.isin(names, ["l_elbow", "l_wrist"])
-    assert (marked[1].confidence[arm] == 0).all()
+    assert (marked[1][arm] == 0).all()
     others = np.isin(names, ["r_wrist", "l_knee", "head"])
-    np.testing.assert_array_equal(marked[1].confidence[others], true_results[1].confidence[others])
+    np.testing.assert_array_equal(marked[1][others], true_results[1].confidence[others])
     assert true_results[1].confidence[arm].min() > 0
-    np.testing.assert_array_equal(marked[0].confidence, true_results[0].confidence)
+    np.testing.assert_array_equal(marked[0], true_results[0].confidence)
 
 
 def test_spans_of_a_motion_count_as_its_frames_do(world, true_results):
@@ -76,6 +79,7 @@ def test_a_person_who_was_lost_is_looked_for_further_afield(world, times):
     tracker = Tracker(ENERGY, replace(PLAN, relocalise=times), refine=None, flow_start=False)
     worker = FrameTracker(world.observations(), tracker, jax.random.key(0))
     first = worker.first(world.shown(1), moved(world, 1, root_tx=0.6))
-    assert first.status == "lost"
-    error = vertex_errors(world, 2, worker.track(world.shown(2)).pose).mean()
+    assert first.result.status == "lost"
+    found = worker.track(first.state, world.shown(2)).result
+    error = vertex_errors(world, 2, found.pose).mean()
     assert error < 0.05 if times else error > 0.1

@@ -7,8 +7,9 @@ from perturbed import moved, vertex_errors
 
 from jaxmocap import InputError
 from jaxmocap.energies import search_energy
-from jaxmocap.search import BodySearch, Effort, Retry, SearchPlan, look_at, seen_shares
-from jaxmocap.track import FrameTracker, Tracker
+from jaxmocap.search import BodySearch, Effort, Retry, SearchPlan
+from jaxmocap.track import FrameTracker, Tracker, _search_again
+from jaxmocap.track._search_again import search_again
 
 FRAME = 2
 BEHIND = {"l_shoulder_flex": -26, "l_shoulder_abd": -88, "l_shoulder_axial": 77, "l_elbow_flex": -47}
@@ -18,18 +19,16 @@ BEHIND = {"l_shoulder_flex": -26, "l_shoulder_abd": -88, "l_shoulder_axial": 77,
 def body_search(world, retry):
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
     plan = SearchPlan((Effort(2, 12),), particles=64, wide=0.25, retry=retry)
-    return FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).search
+    return FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).body_search
 
 
-def searched_again(world, retry, usual=0.0, last_seen=None, tried_for=0):
-    search = body_search(world, retry)
-    search.tried_for = np.full(4, tried_for)
-    start, problem = moved(world, FRAME, **BEHIND), world.problem(FRAME)
-    search.left.append(usual)
-    search.last_seen = [last_seen] * 4
-    seen = look_at(world.character, start, problem)
-    assert seen_shares(search.outer_bodies, world.character, search.face_bodies, seen.over)[0] < 0.2
-    return start, search._again(retry, start, start, problem, FRAME, lambda pose: pose)
+def searched_again(world, retry, usual=0.0, last_seen=None, before=0):
+    """A start with a hidden arm, and where the search comes from there; its limbs were searched again in so many frames
+    `before`."""
+    search, start, frame = body_search(world, retry), moved(world, FRAME, **BEHIND), world.frame(FRAME)
+    memory = search.start()._replace(searched_again=np.full(4, before), uncovered=(usual,), last_seen=(last_seen,) * 4)
+    assert search.evidence.limb_shares(search.evidence.draw(start, frame.problem))[0] < 0.2
+    return start, search_again(search, None, retry, frame, start, start, None, memory)[0]
 
 
 def test_an_arm_that_no_view_shows_is_found(world):
@@ -64,16 +63,17 @@ def test_it_stays_where_nothing_calls_for_it(world, retry):
     ],
 )
 def test_a_hidden_limb_gives_way_to_one_that_is_seen(world, rise, worse, asks, moves):
-    """By what it costs more; where that is not decided, by which of the two is worse once they have settled."""
+    """By what it costs more; where that is not decided, by which of the two is worse once they are refined."""
     hidden, shown, wrong = moved(world, FRAME, **BEHIND), world.pose(FRAME), moved(world, FRAME, l_hip_flex=40)
     asked, totals = [], np.array([0.5, 0.5 + rise, 9.0])
 
-    def settle(pose):
+    def refinement(frame, pose, history):
         asked.append(pose)
-        return wrong if worse == ("hidden", "seen")[len(asked) - 1] else shown
+        return (wrong if worse == ("hidden", "seen")[len(asked) - 1] else shown), None
 
-    retry, problem = Retry(), world.problem(FRAME)
-    taken = body_search(world, retry)._shown(retry, 0, [hidden, shown, shown], totals, problem, settle)
+    retry, frame = Retry(), world.frame(FRAME)
+    search, poses = body_search(world, retry), [hidden, shown, shown]
+    taken = _search_again._shown(search, refinement, retry, 0, frame, poses, totals, None)
     assert len(asked) == 2 * asks
     assert taken is (shown if moves else hidden)
 
@@ -90,21 +90,22 @@ def begun(monkeypatch):
     return begun
 
 
-@pytest.mark.parametrize(("tried_for", "begins"), [(0, 4), (1, 2), (2, 2)])
-def test_limbs_of_the_frame_before_take_turns(world, begun, tried_for, begins):
+@pytest.mark.parametrize(("before", "begins"), [(0, 4), (1, 2), (2, 2)])
+def test_limbs_of_the_frame_before_take_turns(world, begun, before, begins):
     """All searches in the first frame, then half of them, one from where the limb was last seen."""
     retry = Retry(foreign=2.0, uncovered=2.0, tries=2, turns=2)
-    start, _ = searched_again(world, retry, last_seen=world.pose(FRAME - 1), tried_for=tried_for)
+    start, _ = searched_again(world, retry, last_seen=world.pose(FRAME - 1), before=before)
     assert len({number for number, _ in begun}) == 1
     assert [bool(np.any(pose.angles != start.angles)) for _, pose in begun] == sorted([False, True] * (begins // 2))
 
 
 def test_a_limb_that_was_left_alone_has_all_its_searches_again(world, begun):
-    search, problem = body_search(world, Retry()), world.problem(FRAME)
-    counts = []
+    search, frame = body_search(world, Retry()), world.frame(FRAME)
+    counts, memory = [], search.start()
     for pose in (moved(world, FRAME, **BEHIND),) * 2 + (world.pose(FRAME), moved(world, FRAME, **BEHIND)):
         begun.clear()
-        search._again(Retry(foreign=2.0, uncovered=2.0), pose, pose, problem, FRAME, lambda pose: pose)
+        retry = Retry(foreign=2.0, uncovered=2.0)
+        _, memory = search_again(search, None, retry, frame, pose, pose, None, memory)
         counts.append(len(begun))
     assert counts == [3, 1, 0, 3]
 

@@ -1,0 +1,86 @@
+"""What all frames together say of a result: which frames and limbs to trust, and which cameras to leave out."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxmocap.character import Character, Skeleton
+
+from ._doubts import UNTOLD, Doubt, doubts
+from ._frame_result import FrameResult
+from ._frame_verdict import VerdictSettings
+from ._lost import LostSpan, lost_spans
+from ._outlier_camera import OutlierCamera, outlier_cameras
+from ._uncertainty import mean_deviations
+
+
+@dataclass(frozen=True)
+class SequenceVerdict:
+    """The verdict on a tracked sequence; spans are in positions of the capture.
+
+    status: of every frame, "ok", "doubtful" or "lost".
+    confidence: of every landmark in every frame, 0 to 1.
+    doubts: spans of frames that are not to be trusted, and why.
+    lost: spans in which the body or a limb is lost, and why.
+    outlier_cameras: spans in which a camera shows the body elsewhere than the others, which alone are judged by then.
+    """
+
+    status: list[str]
+    confidence: Float[np.ndarray, "frame landmark"]
+    doubts: list[Doubt]
+    lost: list[LostSpan]
+    outlier_cameras: list[OutlierCamera]
+
+
+def judge_sequence(
+    results: Sequence[FrameResult],
+    character: Character,
+    fps: float,
+    settings: VerdictSettings,
+    registered: Collection[int] = (),
+    cameras: Sequence[str] = (),
+) -> SequenceVerdict:
+    """Judge the frames of a sequence together. `registered` are the selected frames, `cameras` the cameras' names."""
+    lost = lost_spans(results, character, fps, settings)
+    found = doubts(results, settings, registered, mean_deviations(character.skeleton, results))
+    trust = [_trust(result, found, settings) for result in results]
+    return SequenceVerdict(
+        [status for status, _ in trust],
+        np.stack(
+            [
+                without_lost(confidence, result.frame, lost, character.skeleton)
+                for result, (_, confidence) in zip(results, trust, strict=True)
+            ]
+        ),
+        found,
+        lost,
+        outlier_cameras(results, settings, cameras),
+    )
+
+
+def _trust(
+    result: FrameResult, found: Sequence[Doubt], settings: VerdictSettings
+) -> tuple[str, Float[np.ndarray, "landmark"]]:
+    """Status and confidence of a frame: "doubtful", if not "lost", where a doubt holds, with a confidence of at most
+    `settings.confidence` if its pixels are the reason; "ok" where only a contradicted camera spoke against it."""
+    reasons = {doubt.why for doubt in found if doubt.first <= result.frame <= doubt.last}
+    if reasons and result.energy:
+        most = 1.0 if reasons == {UNTOLD} else settings.confidence
+        return "doubtful" if result.status == "ok" else result.status, np.minimum(result.confidence, most)
+    if result.status == "doubtful" and result.energy:
+        return "ok", result.confidence
+    return result.status, result.confidence
+
+
+def without_lost(
+    confidence: Float[np.ndarray, "landmark"], frame: int, spans: Sequence[LostSpan], skeleton: Skeleton
+) -> Float[np.ndarray, "landmark"]:
+    """The confidence of a frame's landmarks, 0 for those of parts that are lost there."""
+    groups = {label: name for name, label in skeleton.limb_labels.items()}
+    for span in spans:
+        if span.first <= frame <= span.last:
+            moved = skeleton.bodies_of(groups.get(span.part, "root"))  # the root moves them all
+            confidence = np.where(moved[list(skeleton.landmark_bodies)], 0.0, confidence)
+    return confidence
