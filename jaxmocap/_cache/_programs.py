@@ -114,9 +114,9 @@ def free_programs() -> None:
     """Drop the compiled programs of this package. Those of whoever uses it stay, and what was exported to disk too."""
     for program in list(_CachedJit.every):
         program.free()
-    for name in [name for name in sys.modules if name.startswith(f"{_PACKAGE}.")]:
-        for value in list(vars(sys.modules[name]).values()):
-            if isinstance(value, _CachedJit):
+    for module in [module for name, module in sys.modules.items() if name.startswith(f"{_PACKAGE}.")]:
+        for name, value in list(vars(module).items()):
+            if name.startswith("__") or isinstance(value, _CachedJit):
                 continue
             if hasattr(value, "clear_cache"):  # a function under jax.jit
                 value.clear_cache()

@@ -38,9 +38,6 @@ from ._kinematics import (
 )
 from ._limbs import (
     dominant_bodies as dominant_bodies,
-    group_bodies as group_bodies,
-    initial_spread as initial_spread,
-    outer_halves as outer_halves,
 )
 from ._map_joints import Source as Source
 from ._nodes import local_matrix as local_matrix, parents_first as parents_first, parents_of as parents_of

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap._cache import _programs, cached_jit, optimised_jit, preload_programs, programs_recorded
+from jaxmocap._cache import _programs, cached_jit, free_programs, optimised_jit, preload_programs, programs_recorded
 from jaxmocap.character import Pose
 
 TRACES: list[str] = []
@@ -147,3 +147,16 @@ def test_compiled_programs_are_dropped_before_memory_maps_run_out(folder, monkey
     _programs.make_room()
     assert maps() < before + 0.5 * (full - before)
     same(answers, [kept(*arguments(size)) for size in sizes])
+
+
+def test_only_our_own_programs_are_dropped(folder):
+    """Whoever uses the package keeps what they compiled."""
+    theirs = jax.jit(lambda values: 2 * jnp.sort(values))
+    theirs(jnp.ones(3))
+    ours = cached_jit(moved)
+    before = ours(*arguments(5))
+    assert len(ours.programs) == 1
+    free_programs()
+    assert len(ours.programs) == 0
+    assert theirs._cache_size() == 1
+    same([before], [ours(*arguments(5))])

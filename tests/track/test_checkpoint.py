@@ -11,7 +11,7 @@ from jaxmocap._results import InputError
 from jaxmocap.appearance import AppearanceSettings
 from jaxmocap.observation import Observations
 from jaxmocap.search import Effort
-from jaxmocap.track import Checkpoint, Tracker, _checkpoint, track_frames
+from jaxmocap.track import Checkpoint, Tracker, _checkpoint, track, track_frames
 from jaxmocap.track._checkpoint import Saved
 
 KEY = jax.random.key(3)
@@ -135,3 +135,15 @@ def test_writing_takes_little_of_the_time(tmp_path, monkeypatch):
         checkpoint.keep(Saved({}, 0, frame, None, {}), None)
         now[0] += 20.0
     assert written == [0, 3]
+
+
+def test_a_start_that_is_given_leaves_the_observations_as_they_were(world):
+    """The start used to be written into the caller's key poses, so that the next call began there too."""
+    known, arm = observations(world), np.array(world.character.skeleton.group("l_arm")) - 6
+    before, pose = digest(known.key_poses), world.pose(0)
+    start = replace(pose, angles=pose.angles.at[arm].add(0.05))
+    given, again, plain = (track(known, begin, tracker(), key=KEY, frames=(0, 2)) for begin in (start, start, None))
+    assert digest(known.key_poses) == before
+    assert given.angles.tobytes() == again.angles.tobytes()
+    np.testing.assert_array_equal(given.angles[0], start.angles)
+    np.testing.assert_array_equal(plain.angles[0], pose.angles)
