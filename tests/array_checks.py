@@ -20,7 +20,7 @@ _CHECK_THEIR_OWN = {
     "jaxmocap.metrics._markers.marker_error",
     "jaxmocap.metrics._surface.silhouette_iou",
     # These broadcast.
-    "jaxmocap.geometry._plucker.pluecker_line",
+    "jaxmocap.geometry._residuals.pluecker_line",
 }
 
 

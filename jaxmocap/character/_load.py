@@ -1,4 +1,4 @@
-"""`Character.load`: from a skinned glTF file or a body model to the rest frame, our 18 bodies and the skeleton."""
+"""`Character.load`: from a skinned glTF file or a body model to a clean mesh in the rest frame on our skeleton."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,16 +11,17 @@ from jaxmocap._results import InputError
 
 from ._body_model import BodyModel
 from ._build import build_skeleton
-from ._clean_mesh import clean_mesh
 from ._dof_table import BODIES, Arm
 from ._gltf import Document
 from ._map_joints import Source, map_joints
-from ._mesh_landmarks import mesh_landmarks
 from ._read_skin import RawSkin, read_skin
-from ._rest_frame import rest_frame
+from ._rig import rest_frame
 
 if TYPE_CHECKING:
     from ._character import Character
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 _HEIGHTS = (0.3, 3.0)
 _UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254), ("kilometres", 1e3), ("decimetres", 0.1))
@@ -131,3 +132,101 @@ def _check_facing(
             reach.append(((foot[:, 2].max() + foot[:, 2].min()) / 2 - places[joint][2]) / max(size, 1e-9))
     if len(reach) == 2 and max(reach) < -0.1:
         document.fail("has its left and right joints exchanged: the feet point backwards; swap the names or map them")
+
+
+def clean_mesh(
+    vertices: np.ndarray, faces: np.ndarray, weights: np.ndarray, tolerance: float = 1e-6
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weld seams, drop degenerate and repeated faces and unused vertices, and make all faces point outwards.
+
+    `tolerance` is in the units of the vertices. Weights of welded vertices are averaged. Vertex order is kept.
+    """
+    label = _weld(vertices, tolerance)
+    count = np.bincount(label).astype(np.float64)[:, None]
+    first = np.full(len(count), len(vertices))
+    np.minimum.at(first, label, np.arange(len(vertices)))
+    summed = np.zeros((len(count), weights.shape[1]))
+    np.add.at(summed, label, weights)
+    vertices, weights, faces = vertices[first], summed / count, label[faces]
+
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    _, keep = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    faces = faces[np.sort(keep)]
+    used = np.unique(faces)
+    renumber = np.zeros(len(vertices), dtype=np.int64)
+    renumber[used] = np.arange(len(used))
+    vertices, weights, faces = vertices[used], weights[used], renumber[faces]
+    return vertices, _outwards(vertices, faces), weights
+
+
+def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Volume enclosed by outward-facing triangles; negative where they face inwards."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def _weld(vertices: np.ndarray, tolerance: float) -> np.ndarray:
+    """For every vertex its welded number; groups are numbered in the order of their first vertex."""
+    pairs = KDTree(vertices).query_pairs(tolerance, output_type="ndarray")
+    size = len(vertices)
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+    _, label = connected_components(graph, directed=False)
+    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[inverse]
+
+
+def _outwards(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Each connected part on its own, since parts of a character often disagree."""
+    if len(faces) == 0:
+        return faces
+    size = len(vertices)
+    rows, columns = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
+    _, part = connected_components(
+        coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(size, size)), directed=False
+    )
+    of_face = part[faces[:, 0]]
+    centre = vertices.mean(axis=0)
+    a, b, c = (vertices[faces[:, corner]] - centre for corner in range(3))
+    volumes = np.bincount(of_face, np.einsum("ij,ij->i", a, np.cross(b, c)))
+    return np.where((volumes[of_face] < 0)[:, None], faces[:, ::-1], faces)
+
+
+def mesh_landmarks(
+    vertices: np.ndarray, body_weights: Mapping[str, np.ndarray], places: Mapping[str, np.ndarray], height: float
+) -> dict[str, np.ndarray]:
+    """Positions (metres, rest frame) of the landmarks the mesh shows; `body_weights` holds one column per body."""
+    found = {}
+    if (head := vertices[body_weights["head"] > 0.5]).size:
+        found.update(_face(head, places, height))
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        foot = vertices[body_weights[f"{side}_foot"] > 0.5]
+        if len(foot) >= 8:
+            found[f"{side}_toe"] = foot[np.argmax(foot[:, 2])]
+            found[f"{side}_big_toe"] = foot[np.argmax(foot @ np.array([-0.5 * sign, 0.0, 1.0]))]
+            found[f"{side}_small_toe"] = foot[np.argmax(foot @ np.array([sign, 0.0, 0.8]))]
+            low = foot[foot[:, 1] < foot[:, 1].min() + 0.04 * height]
+            found[f"{side}_heel"] = low[np.argmin(low[:, 2])]
+    return found
+
+
+def _face(head: np.ndarray, places: Mapping[str, np.ndarray], height: float) -> dict[str, np.ndarray]:
+    """The nose is the foremost point; ears and eyes follow at ordinary heights above it, on the surface."""
+    middle = places["neck"][0]
+    centre = np.abs(head[:, 0] - middle) < 0.02 * height
+    upper = head[:, 1] > head[:, 1].max() - 0.12 * height
+    candidates = head[centre & upper]
+    if len(candidates) == 0:
+        return {}
+    nose = candidates[np.argmax(candidates[:, 2])].copy()
+    nose[0] = middle
+    found = {"nose": nose}
+    for side, sign in (("l", 1.0), ("r", -1.0)):
+        eye = nose + height * np.array([0.018 * sign, 0.02, -0.01])
+        nearest = head[np.argmin(np.sum((head - eye)[:, :2] ** 2, axis=1) + 1e3 * (head[:, 2] < places["neck"][2]))]
+        found[f"{side}_eye"] = np.array([eye[0], eye[1], nearest[2]])
+        band = head[np.abs(head[:, 1] - nose[1] - 0.01 * height) < 0.02 * height]
+        found[f"{side}_ear"] = band[np.argmax(sign * band[:, 0])]
+    return found

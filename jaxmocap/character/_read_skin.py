@@ -4,8 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ._gltf import Document
-from ._nodes import local_matrix
+from ._gltf import Document, local_matrix
 
 _MOST_JOINTS = 1000
 

@@ -1,5 +1,6 @@
-"""The joints of a skinned file and the bodies they follow: what it takes to pose the file's own rig."""
+"""The joints of a skinned file, the bodies they follow and the file's axes: what it takes to pose its own rig."""
 
+import itertools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -10,16 +11,19 @@ from jaxtyping import Float
 from ._gltf import Document
 from ._map_joints import Source, map_joints
 from ._read_skin import RawSkin, read_skin
-from ._rest_frame import rest_frame
 
 
 class Rig(NamedTuple):
-    """The J joints of a file, in the order of its skin (or of its hierarchy, where it has no skin).
+    """The joints of a file, in the order of its skin (or of its hierarchy, where it has no skin).
 
-    `bodies` has the body that each joint follows, and `rest_from_joint` takes the space of a joint, as it is bound, to
-    our rest frame: `world_from_body[bodies] @ rest_from_joint` are the joints' transforms in a pose. `anchors` has the
-    joint at which a body begins, where there is one. `places` are our joints and landmarks in the rest frame, metres,
-    and `rest_from_file` turns the file's axes to those of the rest frame.
+    In a pose, `world_from_body[bodies] @ rest_from_joint` are the joints' transforms.
+
+    Attributes:
+        bodies: the body that each joint follows.
+        rest_from_joint: takes the space of each joint, as it is bound, to our rest frame.
+        anchors: the joint at which a body begins, where there is one.
+        places: our joints and landmarks in the rest frame, metres.
+        rest_from_file: turns the file's axes to those of the rest frame.
     """
 
     bodies: tuple[int, ...]
@@ -48,3 +52,34 @@ def rig_of(
     rest_from_file[:3, :3] = turn
     places = {name: turn @ place for name, place in mapped.places.items()}
     return Rig(mapped.bodies, rest_from_file @ file_from_joint, mapped.anchors, places, turn)
+
+
+def rest_frame(places: dict[str, np.ndarray], near: float = 20.0) -> np.ndarray:
+    """Rotation (3, 3), rest frame from file frame, from joint positions; an exact quarter turn where one is within
+    `near` degrees.
+
+    Up is from the ankles to the neck, left from the right hip and shoulder to the left ones.
+    """
+    ankles = 0.5 * (places["l_ankle"] + places["r_ankle"])
+    up = _unit(places["neck"] - ankles)
+    left = sum(_unit(places[f"l_{name}"] - places[f"r_{name}"]) for name in ("hip", "shoulder"))
+    left = _unit(left - (left @ up) * up)
+    estimate = np.stack([left, up, np.cross(left, up)])
+    for turn in _quarter_turns():
+        if np.all(np.sum(turn * estimate, axis=1) > np.cos(np.radians(near))):
+            return turn
+    return estimate
+
+
+def _quarter_turns() -> list[np.ndarray]:
+    turns = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            turn = np.diag(signs)[:, list(order)]
+            if np.linalg.det(turn) > 0:
+                turns.append(turn)
+    return turns
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / max(np.linalg.norm(vector), 1e-12)

@@ -1,16 +1,18 @@
-from ._mesh_graph import (
+from ._mesh import (
     face_adjacency as face_adjacency,
     face_components as face_components,
     faces_within as faces_within,
+    facing_cosine as facing_cosine,
     pack_rows as pack_rows,
+    vertex_normals as vertex_normals,
 )
-from ._normals import facing_cosine as facing_cosine, vertex_normals as vertex_normals
-from ._plucker import pluecker_line as pluecker_line, point_line_residual as point_line_residual
-from ._robust import (
+from ._residuals import (
     geman_mcclure as geman_mcclure,
     geman_mcclure_weight as geman_mcclure_weight,
     huber as huber,
     huber_weight as huber_weight,
+    pluecker_line as pluecker_line,
+    point_line_residual as point_line_residual,
 )
 from ._similarity import (
     IDENTITY as IDENTITY,

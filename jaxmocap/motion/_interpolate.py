@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
-from jaxmocap.character import Pose, ball_joints, twin_angles
+from jaxmocap.character import Pose, ball_joints, equivalent_angles
 
 from ._motion import STATUSES, Motion
 
@@ -26,7 +26,7 @@ def continuous(motion: Motion) -> Motion:
         for frame in range(1, len(angles)):
             before, now = angles[frame - 1, place], angles[frame, place]
             same = now - 2 * np.pi * np.round((now - before) / (2 * np.pi))
-            other = twin_angles(same, twice, before, before)
+            other = equivalent_angles(same, twice, before, before)
             nearer = np.abs(other - before).sum() < np.abs(same - before).sum()
             angles[frame, place] = other if nearer else same
     return replace(motion, angles=np.unwrap(angles, axis=0))

@@ -1,12 +1,11 @@
 """Bare meshes become characters: repair, skeleton embedding and skinning weights (Sec. 3.1)."""
 
+from ._bind import turned_out as turned_out
 from ._body import body as body
-from ._open_actor import open_actor as open_actor
 from ._picture_cameras import (
     CAMERAS_FILE as CAMERAS_FILE,
     mesh_for_pictures as mesh_for_pictures,
     metres_per_unit_of as metres_per_unit_of,
 )
 from ._read_mesh import Mesh as Mesh
-from ._rig import RiggedMesh as RiggedMesh, rig as rig
-from ._turned_out import turned_out as turned_out
+from ._rig import RiggedMesh as RiggedMesh, open_actor as open_actor, rig as rig

@@ -10,14 +10,70 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+import trimesh
+from jaxtyping import Array, Float, Int
 from scipy.spatial import KDTree
 
 from jaxmocap.character import GIRTHS, LENGTHS, ROOT_DOFS
 from jaxmocap.geometry import vertex_normals
 
-from ._pins import Missed, Pin, missed
 from ._template import Body, joint_slopes, moved, probes, squares, surface, template
+
+_EXACT = 0.01  # metres, standard deviation of a joint that somebody has placed
+_REACH = 2.0  # of the scale of the fit: a doubted joint that is farther off counts for less
+
+
+class Pin(NamedTuple):
+    """Where a joint is. `information` (3, 3) is the inverse covariance of `place`, in the same units; of a `doubted`
+    pin, which some detector has placed, large distances count for less and less."""
+
+    place: Float[np.ndarray, "3"]
+    information: Float[np.ndarray, "3 3"]
+    doubted: bool = False
+
+    def seen(self, matrix: Float[np.ndarray, "4 4"]) -> "Pin":
+        """The pin after a similarity; one that is not doubted has its centimetre there."""
+        linear = matrix[:3, :3]
+        place = linear @ self.place + matrix[:3, 3]
+        if not self.doubted:
+            return exact(place)
+        back = np.linalg.inv(linear)
+        return Pin(place, back.T @ self.information @ back, doubted=True)
+
+
+class Missed(NamedTuple):
+    """How far a body's joints are from their pins: half the squares, and a quadratic in a step of the body."""
+
+    energy: float
+    hessian: Float[np.ndarray, "parameter parameter"]
+    gradient: Float[np.ndarray, " parameter"]
+
+
+def exact(place: Float[np.ndarray, "3"]) -> Pin:
+    """A joint placed by hand."""
+    return Pin(place, np.eye(3) / _EXACT**2)
+
+
+def missed(
+    pins: Mapping[str, Pin],
+    places: Mapping[str, Float[np.ndarray, "3"]],
+    slopes: Mapping[str, Float[np.ndarray, "3 parameter"]],
+    scale: float,
+    size: int,
+) -> Missed:
+    """Of joints at `places` with derivatives `slopes` by a step of `size` numbers. `scale` is the distance in metres
+    beyond which a pair of points is left out in the same step (Geman and McClure)."""
+    energy, hessian, gradient = 0.0, np.zeros((size, size)), np.zeros(size)
+    for name, pin in pins.items():
+        off, slope = places[name] - pin.place, slopes[name]
+        square = float(off @ pin.information @ off)
+        falling = 1.0 / (1.0 + float(off @ off) / (_REACH * scale) ** 2) if pin.doubted else 1.0
+        energy += 0.5 * square * falling
+        pulled = falling**2 * slope.T @ pin.information
+        hessian += pulled @ slope
+        gradient += pulled @ off
+    return Missed(energy, hessian, gradient)
+
 
 _NORMALS = 0.08  # metres that a right angle between two normals counts for, in the search of the nearest point
 _ALONG = 0.3  # weight of a point's distance along the surface, beside that across it
@@ -169,3 +225,18 @@ def _bounded(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: n
             break
         free &= ~out
     return step
+
+
+_COUNT = 4000
+
+
+def samples(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Points:
+    """Points spread evenly over the surface, in random order but always the same."""
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    places, face = trimesh.sample.sample_surface(mesh, _COUNT, seed=0)[:2]
+    corners = vertices[faces[face]]
+    share = trimesh.triangles.points_to_barycentric(corners, places)
+    normals = np.einsum("nc,nci->ni", share, vertex_normals(vertices, faces)[faces[face]])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    order = np.random.default_rng(0).permutation(len(places))
+    return Points(np.asarray(places, np.float64)[order], normals[order])

@@ -11,8 +11,8 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, read_cameras
 from jaxmocap.capture import best_person, read_people
 
+from ._fit_template import Pin
 from ._picture_cameras import CAMERAS_FILE, VIEWS, metres_per_unit_of
-from ._pins import Pin
 from ._seen_joints import JOINTS, UNSURE, Seen, joint_pins, look
 
 _SUFFIX = "_keypoints.json"
@@ -23,8 +23,14 @@ _AGAIN = "run the detector on the pictures that --pictures drew of this mesh, in
 
 
 class Hints(NamedTuple):
-    """What keypoints tell about a mesh, in its own units and axes: `pins` by joint, and the directions `up` and
-    `front`, None where the trunk is not seen. `views` are the pictures they come from."""
+    """What keypoints tell about a mesh, in its own units and axes.
+
+    Attributes:
+        pins: where joints are, by name.
+        up: a direction; None where the trunk is not seen.
+        front: a direction; None where the trunk is not seen.
+        views: the pictures they come from.
+    """
 
     pins: dict[str, Pin]
     up: Float[np.ndarray, "3"] | None

@@ -9,11 +9,10 @@ from jaxtyping import Float, Int
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 
+from ._fit_template import samples
 from ._orientation import HEIGHT, guesses
-from ._read_mesh import Mesh, read_mesh
+from ._read_mesh import Mesh, named_axis, read_mesh
 from ._repair import repaired
-from ._samples import samples
-from ._upright import named_axis
 
 VIEWS = {"front": 0.0, "front_left": 45.0, "front_right": -45.0}  # degrees towards the person's left
 PICTURE = (900, 1200)  # width and height, pixels

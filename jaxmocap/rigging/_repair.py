@@ -10,8 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from jaxmocap._results import InputError
 
-from ._fill_holes import fill_holes
-from ._orient import orient
+from ._watertight import fill_holes, orient
 
 _HUGE = 200_000  # triangles from which a mesh is snapped to a grid that leaves about half of them
 _SPECK = 0.005  # of the whole area

@@ -1,6 +1,6 @@
 """`rig`: from a bare mesh of a standing person to a character that tracks (Sec. 3.1; Baran and Popovic 2007)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,19 +9,14 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmocap._results import InputError
-from jaxmocap.character import REQUIRED, Character
+from jaxmocap.character import REQUIRED, Character, capsules, has_skin, simplify
 
-from ._bind import bind
+from ._bind import bind, turned_out
 from ._embed import Embedding, embed
-from ._keep_skin import brings_skin, keep_skin, radii_cm
+from ._fit_template import exact, samples
 from ._keypoints import read_hints, report_on
-from ._pins import exact
-from ._read_mesh import Mesh, read_mesh
+from ._read_mesh import ADULT, Mesh, axis_name, metres_per_unit, named_axis, read_mesh, upright
 from ._repair import Repair, repaired
-from ._samples import samples
-from ._turned_out import turned_out
-from ._units import ADULT, metres_per_unit
-from ._upright import axis_name, named_axis, upright
 
 _FAR, _COVERED = 0.045, 0.5
 _SURE = 0.05
@@ -32,13 +27,15 @@ _FEWEST, _MOST = 300, 200_000
 class RiggedMesh:
     """A character made of a mesh, and how.
 
-    `rest_from_file` (4, 4) takes the file's units and axes to the character's metres and rest frame; it is None where
-    the file brought a skin of its own, which is kept. `report` says whether it did (`skin`), what was repaired
-    (`repairs`), in which `units` the file was and how tall the person is (`height_m`), which of the file's axes are
-    `up` and `front`, how far the body laid into the mesh is from it (`distance_cm`), which share of the
-    triangles turns inside out at the worst limit of a joint (`turned_out`), how thick the body is around each
-    bone (`radii_cm`), by what share it fits worse when
-    it faces the other way (`front_margin`), how far the joints are from where `keypoints` have them, and `warnings`.
+    Attributes:
+        character: the result.
+        report: what was found and done, as JSON knows it. `skin`: whether the file brought one; `repairs`; `units` of
+            the file; `height_m` of the person; which of the file's axes are `up` and `front`; `distance_cm` of the mesh
+            from the body laid into it; `turned_out`, the share of the triangles that turns inside out at the worst
+            limit of a joint; `radii_cm` of the body around each bone; `front_margin`, the share by which it fits worse
+            when it faces the other way; how far the joints are from where `keypoints` have them; `warnings`.
+        rest_from_file: takes the file's units and axes to the character's metres and rest frame; None where the file
+            brought a skin of its own, which is kept.
     """
 
     character: Character
@@ -198,3 +195,54 @@ def _pins(joints: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
         if not np.all(np.isfinite(pins[joint])):
             raise InputError(f"joint {joint} is at {place!r}; three finite numbers were expected.")
     return pins
+
+
+def brings_skin(path: Path) -> bool:
+    """Whether a file is a body model, or a glTF file whose mesh is bound to joints."""
+    suffix = path.suffix.lower()
+    return suffix == ".npz" or (suffix in (".glb", ".gltf", ".vrm") and has_skin(path))
+
+
+def keep_skin(
+    path: Path, num_faces: int, mapping: str | Path | Mapping[str, str] | None
+) -> tuple[Character, dict[str, Any]]:
+    """The character in the file with at most about `num_faces` triangles, and the report on it."""
+    loaded = Character.load(path, mapping)
+    character, _ = simplify(loaded, num_faces)
+    before, after = len(loaded.faces), len(character.faces)
+    report = {
+        "triangles": {"before": before, "after": after},
+        "skin": "kept",
+        "repairs": [f"simplified {before:,} triangles to {after:,}"] if after < before else [],
+        "height_m": round(float(np.ptp(np.asarray(character.vertices)[:, 1])), 4),
+        "turned_out": round(turned_out(character), 4),
+        "radii_cm": radii_cm(character),
+        "warnings": [],
+    }
+    return character, report
+
+
+def radii_cm(character: Character) -> dict[str, float]:
+    """The radius of each bone's capsule, centimetres."""
+    radii = 100 * capsules(character).radii
+    return {body: round(float(radius), 2) for body, radius in zip(character.skeleton.body_names, radii, strict=True)}
+
+
+def open_actor(path: str | Path, say: Callable[[str], None] | None = None) -> Character:
+    """The character in a skinned glTF file or body model, or a bare mesh rigged on the spot, which `say` is told about.
+
+    Raises `InputError` as `Character.load` and `rig` do.
+    """
+    path = Path(path)
+    if brings_skin(path):
+        return Character.load(path)
+    rigged = rig(path)
+    if say is not None:
+        report = rigged.report
+        say(
+            f"{path} has no skeleton and was rigged: {report['triangles']['after']:,} triangles, "
+            f"{report['height_m']:.2f} m tall. `jaxmocap rig` keeps the result and draws it."
+        )
+        for warning in report["warnings"]:
+            say(f"{path}: {warning}.")
+    return rigged.character

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxmocap._cache import cached_jit, optimised_jit
-from jaxmocap.character import Character, Pose, is_limb as is_limb_name, retract, simplify
+from jaxmocap.character import Character, Pose, retract, simplify
 from jaxmocap.energies import (
     Base,
     BodyPart,
@@ -379,8 +379,3 @@ def group_searches(
         distal = jax.device_put(np.isin(dofs, skeleton.distal))
         searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, distal))
     return searches
-
-
-def is_limb(group: GroupSearch) -> bool:
-    """Whether the group is an arm or a leg, not the root or the torso."""
-    return is_limb_name(group.name)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxmocap.character import Pose, away_from_limits, body_transforms, nearest_equivalent, rest_pose
-from jaxmocap.character._ball_joints import ball_joints, twin_angles
+from jaxmocap.character._pose import ball_joints, equivalent_angles
 from jaxmocap.synthetic import make_capture
 
 
@@ -33,7 +33,7 @@ def test_twins_are_the_same_rotation(skeleton, seed):
     pose = Pose(rest_pose(skeleton).root, jnp.asarray(rng.uniform(-1.5, 1.5, 33), jnp.float32))
     angles, free = np.array(pose.angles), np.full(3, np.pi)
     for place, twice in ball_joints(skeleton):
-        angles[place] = twin_angles(angles[place], twice, -free, free)
+        angles[place] = equivalent_angles(angles[place], twice, -free, free)
         assert np.abs(angles[place]).max() <= np.pi + 1e-6
     assert np.abs(angles - np.asarray(pose.angles)).max() > 1.0
     twin = body_transforms(skeleton, Pose(pose.root, jnp.asarray(angles)))

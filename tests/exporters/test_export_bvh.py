@@ -62,12 +62,12 @@ def test_another_frame_rate_lies_on_the_same_curves(even, tmp_path):
 
 def test_an_arm_whose_angles_jump_moves_smoothly(even, tmp_path):
     """The shoulder's other set of angles from frame 5 on: the same motion."""
-    from jaxmocap.character import ball_joints, twin_angles
+    from jaxmocap.character import ball_joints, equivalent_angles
 
     angles, skeleton = even.angles.copy(), even.character.skeleton
     for place, twice in ball_joints(skeleton):
         lower, upper = (np.asarray(limit)[place] for limit in (skeleton.lower, skeleton.upper))
-        angles[5:, place] = [twin_angles(row, twice, lower, upper) for row in angles[5:, place]]
+        angles[5:, place] = [equivalent_angles(row, twice, lower, upper) for row in angles[5:, place]]
     jumping = replace(even, angles=angles)
     path = export(jumping, tmp_path / "dance.bvh", frame_rate=120)
     plain = export(even, tmp_path / "plain.bvh", frame_rate=120)

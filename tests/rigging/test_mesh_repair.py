@@ -5,9 +5,8 @@ import pytest
 import trimesh
 
 from jaxmocap import InputError
+from jaxmocap.rigging._read_mesh import axis_name, metres_per_unit
 from jaxmocap.rigging._repair import repair
-from jaxmocap.rigging._units import metres_per_unit
-from jaxmocap.rigging._upright import axis_name
 
 BALL = trimesh.creation.icosphere(4, radius=0.8)  # 5,120 triangles
 VERTICES, FACES = np.asarray(BALL.vertices), np.asarray(BALL.faces)

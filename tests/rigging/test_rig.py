@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmocap import Character, InputError, rig
 from jaxmocap._cli import run
-from jaxmocap.rigging import _widen, open_actor
+from jaxmocap.rigging import _bind, open_actor
 
 MEAN, WORST = 2.5, 5.0  # centimetres
 
@@ -52,7 +52,7 @@ def test_weights_are_a_partition_over_four_bones_and_no_triangle_turns_out(rigge
 
 
 def test_blends_are_widened_where_the_skin_would_turn_inside_out_and_nowhere_else(rigged, relaxed, monkeypatch):
-    monkeypatch.setattr(_widen, "_ROUNDS", 0)
+    monkeypatch.setattr(_bind, "_ROUNDS", 0)
     heat = rig(relaxed[:2])
     assert rigged.report["turned_out"] < 0.85 * heat.report["turned_out"]
     skeleton, vertices = rigged.character.skeleton, np.asarray(rigged.character.vertices)
