@@ -104,5 +104,5 @@ class Refinement:
             return limits
         lam, pull = np.float32(self.plan.weights.regularisation), np.float32(self.plan.weights.prior)
         target = np.asarray(history.predicted(self.plan.autoregression), np.float32)
-        unit = np.repeat(np.array([2, 1], np.float32), [3, 36])
+        unit = np.repeat(np.array([2, 1], np.float32), [3, len(target) - 3])
         return limits._replace(l1=lam * unit, weight=lam * pull * unit**2, target=target)

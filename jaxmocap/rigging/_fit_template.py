@@ -185,8 +185,8 @@ def _numbers(body: Body) -> np.ndarray:
 @lru_cache(maxsize=1)
 def _deviations() -> np.ndarray:
     """Standard deviation of each of the 58 numbers; those of the root are free."""
-    known = _LOOSE | _LEGS
-    angles = [known.get(name[2:], _STIFF) for name in template().skeleton.angle_names]
+    known = {f"{side}_{name}": value for side in "lr" for name, value in (_LOOSE | _LEGS).items()}
+    angles = [known.get(name, _STIFF) for name in template().skeleton.angle_names]
     shape = [_HEIGHT, *(_LENGTH for _ in LENGTHS), *(_GIRTH for _ in GIRTHS)]
     return np.concatenate([np.full(ROOT_DOFS, 1e3), angles, shape])
 
@@ -194,11 +194,11 @@ def _deviations() -> np.ndarray:
 @lru_cache(maxsize=1)
 def _symmetry() -> np.ndarray:
     """The quadratic form that adds up squared differences between the joint angles of left and right."""
-    names = template().skeleton.dof_names
-    rows = np.zeros((len(names), len(_deviations())))
-    for number, name in enumerate(names):
-        if name.startswith("l_"):
-            rows[number, number], rows[number, names.index("r_" + name[2:])] = 1.0, -1.0
+    skeleton = template().skeleton
+    rows = np.zeros((skeleton.num_dofs, len(_deviations())))
+    for kind in ("arm", "leg"):
+        for left, right in zip(skeleton.group(f"l_{kind}"), skeleton.group(f"r_{kind}"), strict=True):
+            rows[left, left], rows[left, right] = 1.0, -1.0
     return rows.T @ rows
 
 
