@@ -79,7 +79,8 @@ def release_memory() -> None:
 
 
 def versions(packages: Sequence[str] = _RECORDED) -> dict[str, str]:
-    """Versions of Python and of packages, by default those that a result depends on; "not installed" where absent."""
+    """List versions of Python and of packages, by default of those that a result depends on; "not installed" where
+    absent."""
     found = {"python": platform.python_version()}
     for package in packages:
         try:
@@ -90,12 +91,12 @@ def versions(packages: Sequence[str] = _RECORDED) -> dict[str, str]:
 
 
 def cores() -> int:
-    """Cores this process may use."""
+    """Count the cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def cache_folder(name: str) -> Path:
-    """A folder of ours in the platform's place for what may be deleted at any time."""
+    """Name a folder of ours in the platform's place for what may be deleted at any time."""
     from platformdirs import user_cache_path
 
     return user_cache_path("jaxmocap", appauthor=False, opinion=False) / name

@@ -1,11 +1,14 @@
 """Cameras: calibrated views per frame, projection, triangulation, and calibration files."""
 
-from ._cameras import Cameras as Cameras, View as View
-from ._colmap import colmap_files as colmap_files
-from ._colmap_points import read_colmap_points as read_colmap_points
-from ._colmap_poses import ranges as ranges
-from ._colmap_write import write_colmap_text as write_colmap_text
-from ._projection import pixel_rays as pixel_rays, project as project, triangulate as triangulate
+from ._cameras import (
+    Cameras as Cameras,
+    View as View,
+    pixel_rays as pixel_rays,
+    project as project,
+    triangulate as triangulate,
+)
+from ._colmap import colmap_files as colmap_files, read_colmap_points as read_colmap_points
+from ._colmap_cameras import ranges as ranges, write_colmap_text as write_colmap_text
 from ._read import examine_cameras as examine_cameras, read_cameras as read_cameras
 from ._view_geometry import (
     ViewGeometry as ViewGeometry,

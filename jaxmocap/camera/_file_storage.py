@@ -9,6 +9,7 @@ import json
 import re
 import shlex
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -94,7 +95,9 @@ def _from_yaml(text: str) -> Any:
     if header is None:
         raise ValueError("it does not begin with %YAML, as OpenCV's do")
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C where it was built, ten times as fast
-    events = yaml.parse(text[header.end() :], loader)  # without OpenCV's %YAML:1.0, which is no directive of YAML
+    events: Iterator[Any] = yaml.parse(
+        text[header.end() :], loader
+    )  # without OpenCV's %YAML:1.0, which is no directive of YAML
     try:
         _, begin = next(events), next(events)
         return value(next(events)) if isinstance(begin, yaml.DocumentStartEvent) else None

@@ -12,7 +12,7 @@ from jaxmocap._results import InputError
 from ._calibration_toml import read_calibration_toml
 from ._cameras import Cameras
 from ._colmap import colmap_files, read_colmap
-from ._colmap_poses import from_colmap
+from ._colmap_cameras import from_colmap
 from ._easymocap import FILES as EASYMOCAP_FILES, easymocap_files, read_easymocap
 from ._file_storage import read_storage
 from ._opencv_storage import SUFFIXES, opencv_files, read_opencv, read_opencv_files
@@ -90,7 +90,7 @@ def examine_cameras(
     frames: np.ndarray | None = None,
     metres_per_unit: float = 1.0,
 ) -> tuple[Cameras, list[str]]:
-    """As `read_cameras`, but cameras that cannot be true are returned with sentences that say why."""
+    """Read as `read_cameras` does, but return cameras that cannot be true with sentences that say why."""
     path, names = Path(path), tuple(names)
     frames = np.tile(np.arange(num_frames), (len(names), 1)) if frames is None else np.asarray(frames)
     cameras, poses, unit = _load(path, names, sizes, frames)

@@ -16,7 +16,13 @@ OPENCV_CENTRE = 0.5  # OpenCV puts (0, 0) at the centre of the first pixel, we a
 
 
 class StaticCamera(NamedTuple):
-    """One camera with the first pixel's centre at 0.5, as ours; lengths are the file's, `size` is (width, height)."""
+    """One camera as a calibration file has it, in our convention of pixels.
+
+    size: (width, height), pixels; None: the file does not say.
+    intrinsics: K, the centre of the first pixel at (0.5, 0.5).
+    distortion: k1 k2 p1 p2 k3.
+    cam_from_world: the pose, in the file's lengths.
+    """
 
     size: tuple[int, int] | None
     intrinsics: np.ndarray
@@ -25,7 +31,15 @@ class StaticCamera(NamedTuple):
 
 
 class WrittenCamera(NamedTuple):
-    """One camera as a calibration in OpenCV's convention holds it: (0, 0) is the centre of the first pixel; metres."""
+    """One camera as a calibration in OpenCV's convention holds it.
+
+    name: the capture's.
+    size: (width, height), pixels.
+    intrinsics: K, the centre of the first pixel at (0, 0).
+    distortion: k1 k2 p1 p2 k3.
+    rotation: from the world to the camera.
+    translation: the same, metres.
+    """
 
     name: str
     size: tuple[int, int]

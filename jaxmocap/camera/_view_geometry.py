@@ -8,8 +8,12 @@ from jaxtyping import Float
 
 
 class ViewGeometry(NamedTuple):
-    """At the person: the largest angle between two cameras, degrees; the standard deviation in metres of a point seen
-    with one pixel of error by every camera, in its most and its least certain direction."""
+    """How well cameras see a point, the person, that every camera sees with one pixel of error.
+
+    angle: the largest between the directions to two cameras, degrees.
+    across: standard deviation of the point in its most certain direction, metres.
+    depth: the same in its least certain direction.
+    """
 
     angle: float
     across: float
@@ -26,7 +30,7 @@ def view_geometry(
     cam_from_world: Float[np.ndarray, "camera 4 4"],
     subject: Float[np.ndarray, "3"],
 ) -> ViewGeometry:
-    """The geometry at one instant; depth is infinite for cameras in one line with the person."""
+    """Measure the geometry at one instant; depth is infinite for cameras in one line with the person."""
     rays = subject - _centres(cam_from_world)
     distances = np.linalg.norm(rays, axis=1)
     rays = rays / distances[:, None]
@@ -39,7 +43,7 @@ def view_geometry(
 
 
 def describe_views(geometry: ViewGeometry) -> str:
-    """What the angle means, in words."""
+    """Say what the angle means, in words."""
     if not np.isfinite(geometry.depth):
         return "the cameras see the person from one direction only: depth cannot be measured; place them apart."
     advice = (
@@ -57,7 +61,7 @@ def describe_views(geometry: ViewGeometry) -> str:
 
 
 def look_at_point(cam_from_world: Float[np.ndarray, "pose 4 4"]) -> Float[np.ndarray, "3"]:
-    """The point nearest to all optical axes: where the person is when keypoints do not tell."""
+    """Find the point nearest to all optical axes: where the person is when keypoints do not tell."""
     axes, centres = cam_from_world[:, 2, :3], _centres(cam_from_world)
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     return np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, centres), rcond=None)[0]

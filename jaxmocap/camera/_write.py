@@ -11,7 +11,7 @@ from jaxmocap._results import InputError
 
 from ._calibration_toml import aniposelib_text, freemocap_text
 from ._cameras import Cameras
-from ._colmap_write import write_colmap_binary, write_colmap_text
+from ._colmap_cameras import write_colmap_binary, write_colmap_text
 from ._easymocap import easymocap_texts
 from ._opencv_storage import SUFFIXES, opencv_text
 from ._plausibility import intrinsics_problems, rotation_problem

@@ -3,13 +3,12 @@
 from ._capture import Capture as Capture
 from ._check import check as check
 from ._check_geometry import check_subject as check_subject, triangulated_people as triangulated_people
-from ._check_sync import SYNC_REPORT as SYNC_REPORT
+from ._check_videos import SYNC_REPORT as SYNC_REPORT
 from ._choose_frames import ChosenFrames as ChosenFrames, choose_frames as choose_frames
-from ._config import config_path as config_path, read_config as read_config
+from ._config import Finding as Finding, config_path as config_path, read_config as read_config
 from ._content import content_hash as content_hash, folder_hash as folder_hash
 from ._detections import Detections as Detections
 from ._edit_config import with_cameras_line as with_cameras_line, with_offsets as with_offsets
-from ._findings import Finding as Finding
 from ._keypoints import (
     KEYPOINT_NAMES as KEYPOINT_NAMES,
     best_person as best_person,
@@ -18,7 +17,7 @@ from ._keypoints import (
     read_mask as read_mask,
     read_people as read_people,
 )
+from ._picture_steps import Undistortion as Undistortion
 from ._sync_plan import SyncPlan as SyncPlan, plan_new_capture as plan_new_capture, plan_sync as plan_sync
-from ._undistortion import Undistortion as Undistortion
 from ._video import FrameReader as FrameReader, VideoIndex as VideoIndex, index_video as index_video
 from .synchronisation import Synchronisation as Synchronisation, SyncMethod as SyncMethod, synchronise as synchronise

@@ -16,14 +16,10 @@ from jaxtyping import Bool, Float64, Int64, UInt8
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, read_cameras
 
-from ._config import CaptureConfig, config_path, read_config
-from ._consistency import missing_files, selected_positions, span_of
-from ._findings import Finding
+from ._config import CaptureConfig, Finding, config_path, missing_files, read_config, selected_positions, span_of
 from ._keypoints import best_person, keypoint_file, mask_file, read_mask, read_people
-from ._reduction import Reduction, reduced_size
-from ._shared_frames import shared_frames
-from ._undistortion import Undistortion
-from ._video import FrameReader, VideoIndex, index_video
+from ._picture_steps import Reduction, Undistortion, reduced_size
+from ._video import FrameReader, VideoIndex, index_video, shared_frames
 
 _METRES = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
 _CACHED_IMAGES = 8
@@ -35,11 +31,29 @@ class Capture:
     """Videos of one person, opened and matched in time. A host record; images are decoded when asked for.
 
     A `frame` in every method is a position 0 .. num_frames-1 in the span all cameras share, the same as in
-    `cameras.at(frame)` and `timestamps[frame]`. `video_frames[camera, frame]` is its number in that camera's own
-    video, by which files are named; `video_frames[0]` are the frame numbers of a result. `selected_frames` are
-    positions too. `findings` are the warnings met while opening. `found_masks` (camera, frame), undistorted, stand in
-    for mask files that are missing (`with_masks`). Pictures longer than `longest_side` pixels are made smaller when
-    they are decoded (None: never), and masks, keypoints and cameras with them: whatever a capture gives is of `sizes`.
+    `cameras.at(frame)` and `timestamps[frame]`. Whatever a capture gives is of `sizes`.
+
+    folder: where `capture.toml` is.
+    name: for reports.
+    fps: nominal frames per second.
+    num_frames: frames that all cameras share.
+    up: the world's vertical axis, "y" or "z".
+    metres_per_unit: of the calibration's lengths.
+    actor: file of the character; None: not given.
+    camera_names: one per camera, by which files are named.
+    videos: one file per camera.
+    selected_frames: positions of the frames to register (Gamma, paper Sec. 3); None: chosen by `choose_frames`.
+    masks_folder: PNG masks by camera and frame; None: not given.
+    keypoints_folder: OpenPose BODY_25 files by camera and frame; None: not given.
+    truth: file of the true motion; None: not known.
+    cameras_path: COLMAP model or calibration file; None: not calibrated.
+    offsets: seconds added to each video's own time to give the common time.
+    indices: what each video holds.
+    video_frames: number of each frame in that camera's own video, by which files are named; row 0 numbers a result.
+    findings: warnings met while opening.
+    found_masks: (camera, frame) -> undistorted mask, in the place of mask files that are missing (`with_masks`).
+    longest_side: pixels; longer pictures are made smaller when decoded, and masks, keypoints and cameras with them;
+        None: never.
     """
 
     folder: Path

@@ -13,14 +13,11 @@ from ._capture import Capture, build
 from ._check_calibration import check_calibration
 from ._check_geometry import check_paths, check_triangulated, triangulated_people
 from ._check_people import check_keypoints, check_masks
-from ._check_sync import check_sync
-from ._check_videos import check_videos
+from ._check_videos import check_sync, check_videos
 from ._check_views import check_shared_frames, check_views
 from ._choose_frames import choose_frames
-from ._config import CaptureConfig, config_path, read_config
-from ._consistency import missing_files
-from ._findings import Finding
-from ._reduction import reduced_size
+from ._config import CaptureConfig, Finding, config_path, missing_files, read_config
+from ._picture_steps import reduced_size
 from ._video import VideoIndex, index_video
 
 _Result = TypeVar("_Result")
@@ -121,7 +118,7 @@ def _about_person(capture: Capture, cameras: Cameras) -> list[Finding]:
 
 
 def check(path: str | Path) -> list[Finding]:
-    """Everything that is wrong or worth knowing about a capture, errors first; nothing stops at the first problem.
+    """List everything that is wrong or worth knowing about a capture, errors first; nothing stops at the first problem.
 
     Videos are decoded (long ones at the beginning, middle and end). Errors carry the sentences `Capture.open` raises.
     """

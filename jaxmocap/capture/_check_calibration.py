@@ -11,7 +11,7 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, ranges, read_colmap_points
 
 from ._capture import Capture
-from ._findings import Finding
+from ._config import Finding
 
 _LARGEST_RESIDUAL = 1.0  # pixels at a width of 960
 _LARGEST_AT_PERSON = 0.03  # metres by which a pose's deviation moves the person in its view

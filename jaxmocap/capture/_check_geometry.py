@@ -1,6 +1,7 @@
-"""Checks that need cameras: their paths, and whether keypoints seen through them make a person of human size."""
+"""Checks that need cameras: their paths, and whether keypoints seen through them make a person of human size, who does
+not face backwards."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import combinations
 
 import jax
@@ -11,8 +12,7 @@ from jaxtyping import Array, Float
 from jaxmocap.camera import Cameras, View, project, ranges, triangulate
 
 from ._capture import Capture
-from ._check_handedness import handedness_findings
-from ._findings import Finding
+from ._config import Finding
 from ._keypoints import KEYPOINT_NAMES
 
 _MOST_FRAMES = 12
@@ -25,6 +25,8 @@ _CHAIN = (
     (("r_knee", "r_ankle"), ("l_knee", "l_ankle")),
 )
 _CHAIN_OF_STATURE = 0.78  # neck to pelvis to knee to ankle, as a part of the height of a standing adult
+_FEWEST_AHEAD = 3
+_BACKWARDS = -0.5  # of the sum of the lengths
 
 
 def _largest_motion(poses: Float[np.ndarray, "frame 4 4"]) -> tuple[np.ndarray, np.ndarray]:
@@ -97,6 +99,42 @@ def _size_findings(statures: list[float], where: str) -> Iterator[Finding]:
         yield Finding("note", where, f"{found}")
 
 
+def _ahead(points: Float[np.ndarray, "25 3"]) -> Float[np.ndarray, "5"]:
+    """Metres by which the nose, the knees and the big toes are ahead of neck, leg and ankle; NaN where unseen.
+
+    Ahead is left x up, so its sign turns with the handedness of the points: of a person these are nearly all positive.
+    """
+    place: dict[str, np.ndarray] = dict(zip(KEYPOINT_NAMES, points, strict=True))
+
+    def ahead(left: np.ndarray, up: np.ndarray, by: np.ndarray) -> float:
+        forward = np.cross(left, up)
+        length = np.linalg.norm(forward)
+        return float(by @ forward / length) if length > 0 else np.nan
+
+    hips = place["l_hip"] - place["r_hip"]
+    shoulders = place["l_shoulder"] - place["r_shoulder"]
+    found = [ahead(hips + shoulders, place["neck"] - place["pelvis"], place["nose"] - place["neck"])]
+    for side in ("l", "r"):
+        hip, knee = place[f"{side}_hip"], place[f"{side}_knee"]
+        ankle, toe = place[f"{side}_ankle"], place[f"{side}_big_toe"]
+        found += [ahead(hips, hip - ankle, knee - (hip + ankle) / 2), ahead(hips, hip - ankle, toe - ankle)]
+    return np.array(found)
+
+
+def _handedness_findings(people: Iterable[Float[np.ndarray, "25 3"]], trusted: bool) -> Iterator[Finding]:
+    """An error (a warning, where depth is not `trusted`) when all frames together say that the person is inside out."""
+    ahead = np.concatenate([_ahead(points) for points in people] or [np.zeros(0)])
+    ahead = ahead[np.isfinite(ahead)]
+    if len(ahead) >= _FEWEST_AHEAD and ahead.sum() < _BACKWARDS * np.abs(ahead).sum():
+        yield Finding(
+            "error" if trusted else "warning",
+            "cameras",
+            "the triangulated keypoints make a person whose knees, feet and nose point backwards: the cameras are "
+            "mirrored (an axis of their world is reversed; export them right-handed), or left and right are exchanged "
+            "in the keypoints",
+        )
+
+
 @jax.jit
 def _triangulate(
     view: View, pixels: Float[Array, "camera 25 2"], weights: Float[Array, "camera 25"]
@@ -154,14 +192,14 @@ def _points_at(
 def triangulated_people(
     capture: Capture, cameras: Cameras, findings: list[Finding]
 ) -> dict[int, Float[np.ndarray, "25 3"]]:
-    """The triangulated keypoints by frame, where they can be used; what is wrong with the others is put into
-    `findings`."""
+    """Triangulate the keypoints of some frames: (25, 3) points in metres by frame, NaN where unseen. What is wrong with
+    frames that cannot be used is put into `findings`."""
     found = {frame: _points_at(capture, cameras, frame, findings) for frame in _frames_to_try(capture)}
     return {frame: points for frame, points in found.items() if points is not None}
 
 
 def check_subject(capture: Capture, cameras: Cameras) -> list[Finding]:
-    """Triangulates the keypoints: residuals, side of the camera, height of the person, and whether it is inside out."""
+    """Triangulate the keypoints and check residuals, side of the camera, and the person's height and handedness."""
     findings: list[Finding] = []
     people = triangulated_people(capture, cameras, findings)
     return [*findings, *check_triangulated(cameras, people)]
@@ -175,5 +213,5 @@ def check_triangulated(cameras: Cameras, people: Mapping[int, Float[np.ndarray, 
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         angles.append(max(float(np.degrees(np.arccos(np.clip(a @ b, -1, 1)))) for a, b in combinations(rays, 2)))
     trusted = min(angles, default=0.0) >= _SMALLEST_ANGLE
-    turned = handedness_findings(list(people.values()), trusted=trusted)
+    turned = _handedness_findings(list(people.values()), trusted=trusted)
     return [*turned, *_size_findings([_stature(points) for points in people.values()], "cameras")]

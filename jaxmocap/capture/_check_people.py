@@ -1,4 +1,4 @@
-"""Checks of keypoint files and masks, one by one."""
+"""Checks of keypoint and mask files: names and content."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -7,7 +7,7 @@ from pathlib import Path
 from jaxmocap._results import InputError
 
 from ._capture import Capture
-from ._findings import Finding
+from ._config import Finding
 from ._keypoints import best_person, keypoint_file, mask_file, read_mask, read_people
 
 

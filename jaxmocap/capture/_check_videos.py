@@ -1,20 +1,25 @@
-"""Checks of videos: whether every frame can be decoded and shows something, and whether times are what they should."""
+"""Checks of the footage: pictures, timestamps, and the offsets that `sync` found."""
 
+import json
 from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import ranges
 
-from ._config import CaptureConfig
-from ._findings import Finding
+from ._config import CaptureConfig, Finding
 from ._video import FrameReader, VideoIndex
+from .synchronisation import SURE
 
 _MOST_DECODED = 600
 _BLACK = 6.0  # mean of 255
 _FPS_TOLERANCE = 0.02
 _STEADY_INTERVAL = 0.1
+SYNC_REPORT = "sync.json"
+_BY_HAND = 0.002  # seconds: less is rounding
 
 
 def _sample(count: int) -> np.ndarray:
@@ -88,3 +93,64 @@ def check_videos(config: CaptureConfig, indices: Sequence[VideoIndex | None]) ->
             f"the videos have different numbers of frames: {listed}; they are taken to start at the same moment: if "
             "they do not, run jaxmocap sync",
         )
+
+
+def check_sync(file: Path, config: CaptureConfig) -> Iterator[Finding]:
+    """Per pair of cameras: methods, confidences and where they disagree; offsets that nothing has measured."""
+    if len(config.camera) < 2:
+        return
+    report = file.parent / SYNC_REPORT
+    if not report.is_file():
+        if not any("offset" in entry.model_fields_set for entry in config.camera):
+            yield Finding(
+                "note",
+                "sync",
+                "no camera has an offset: the videos are taken to start at the same moment; if they do not, run "
+                "jaxmocap sync first",
+            )
+        return
+    try:
+        record = json.loads(report.read_text(encoding="utf-8"))
+        yield from _sync_findings(record, config)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        yield Finding(
+            "warning",
+            "sync",
+            f"{report} is not what sync writes ({type(error).__name__}: {error}); remove it, or run jaxmocap sync "
+            f"{file.parent} again",
+        )
+
+
+def _sync_findings(record: dict[str, Any], config: CaptureConfig) -> Iterator[Finding]:
+    measured = {name: float(camera["offset_seconds"]) for name, camera in record["cameras"].items()}
+    for entry in config.camera:
+        if entry.name in measured and abs(measured[entry.name] - entry.offset) > _BY_HAND:
+            yield Finding(
+                "note",
+                "sync",
+                f"{entry.name} has the offset {entry.offset:g} s in capture.toml, where sync measured "
+                f"{measured[entry.name]:g} s: changed since",
+            )
+    for note in record["notes"]:
+        yield Finding("warning", "sync", str(note))
+    for pair in record["pairs"]:
+        yield _pair_finding(pair)
+
+
+def _pair_finding(pair: dict[str, Any]) -> Finding:
+    names, used, estimates = " and ".join(pair["cameras"]), pair["used"], pair["estimates"]
+    if used is None:
+        return Finding("note", "sync", f"{names} have nothing in common to compare them by; others tie them together")
+    listed = ", ".join(
+        f"{method} {one['offset_frames']:+.2f} (confidence {one['confidence']:.2f})"
+        for method, one in estimates.items()
+    )
+    said = f"{names} are {estimates[used]['offset_frames']:+.2f} frames apart by {used}: {listed}"
+    if len(estimates) == 1 and (used == "motion" or estimates[used]["confidence"] < SURE):
+        return Finding(
+            "warning",
+            "sync",
+            f"{said}; nothing else confirms it: look at a fast moment in both videos at frames that the capture pairs, "
+            "correct offset in capture.toml where they differ, and flash a lamp or clap next time",
+        )
+    return Finding("note", "sync", said)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from jaxmocap.camera import Cameras, ViewGeometry, look_at_point, ranges, view_geometry
 
 from ._capture import Capture
-from ._findings import Finding
+from ._config import Finding
 
 _WORST_RATIO = 7.5  # of depth to across: two cameras 15 degrees apart
 _SMALLEST_PERSON = 0.15  # of the picture's height

@@ -37,7 +37,7 @@ class ChosenFrames(NamedTuple):
 
 
 def choose_frames(capture: Capture, cameras: Cameras, count: int = DEFAULT_COUNT) -> ChosenFrames:
-    """At most `count` frames whose keypoints are good and whose poses and sides seen stand for the whole capture.
+    """Choose at most `count` frames with good keypoints whose poses and sides seen stand for the whole capture.
 
     Good: the torso and 11 of 13 joints in two views, triangulated with less than a tenth of the trunk as residual, and
     not leaping away from both neighbouring frames (detections gone astray). Of these, one in the first twentieth of

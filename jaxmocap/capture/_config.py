@@ -1,20 +1,36 @@
-"""`capture.toml`: reading it, and saying in sentences what is wrong with it."""
+"""`capture.toml`: reading it, holding it against the files that are there, and saying in sentences what is wrong."""
 
 import difflib
 import re
 import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from jaxtyping import Int64
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from jaxmocap._results import InputError
 
-from ._findings import Finding
+from ._video import VideoIndex
 
 FRAMES_LINE = re.compile(r"^[ \t]*frames\s*=.*$", re.MULTILINE)
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000  # bytes of a name, characters of a path
 _LINE_NUMBER = re.compile(r"at line (\d+)")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing noticed about a capture. An error makes it unusable, a warning may cost accuracy, a note is a fact."""
+
+    severity: Literal["error", "warning", "note"]
+    where: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.where}: {self.message}"
 
 
 def _inside(path: str) -> str:
@@ -45,7 +61,12 @@ _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class CameraEntry(BaseModel):
-    """One `[[camera]]` of a capture. `offset` seconds added to the video's own time give the common time."""
+    """One `[[camera]]` of a capture.
+
+    name: part of file names; each camera needs its own.
+    video: path in the capture folder.
+    offset: seconds added to the video's own time to give the common time; 0, as if all started together.
+    """
 
     model_config = _STRICT
     name: Annotated[str, AfterValidator(_camera_name)]
@@ -54,7 +75,22 @@ class CameraEntry(BaseModel):
 
 
 class CaptureConfig(BaseModel):
-    """The content of `capture.toml`; paths are relative to the capture folder and stay inside it."""
+    """The content of `capture.toml`; paths are relative to the capture folder and stay inside it.
+
+    name: for reports; the folder's by default.
+    fps: nominal frames per second; those of the first video by default.
+    frames: how many of the shared frames to use; all by default.
+    units: of the calibration's lengths.
+    up: the world's vertical axis.
+    actor: the character's file.
+    cameras: COLMAP model folder or calibration file.
+    selected_frames: numbers of frames in the first video (Gamma, paper Sec. 3); chosen by default.
+    keypoints: folder of OpenPose BODY_25 files.
+    masks: folder of PNG masks.
+    truth: file of the true motion.
+    longest_side: pixels of the pictures that are worked on; 960, the paper's (Sec. 5).
+    camera: one section per video.
+    """
 
     model_config = _STRICT
     name: str | None = None
@@ -153,3 +189,60 @@ def read_config(file: Path) -> tuple[CaptureConfig | None, list[Finding]]:
         return None, findings + [Finding("error", file.name, _sentence(file, item)) for item in error.errors()]
     problems = [Finding("error", file.name, problem) for problem in _more_problems(file, config)]
     return (None if problems else config), findings + problems
+
+
+def missing_files(file: Path, config: CaptureConfig) -> list[tuple[str, str]]:
+    """Files and folders the configuration names that do not exist: (key, sentence)."""
+    found = []
+    for key, is_folder in (("actor", False), ("cameras", None), ("keypoints", True), ("masks", True)):
+        value = getattr(config, key)
+        if value is None:
+            continue
+        path = file.parent / value
+        if not (path.exists() if is_folder is None else path.is_dir() if is_folder else path.is_file()):
+            what = "folder" if is_folder else "file"
+            found.append(
+                (key, f"{file}: {key} = {value!r} names a {what} that does not exist; correct or remove the line")
+            )
+    return found
+
+
+def span_of(
+    config: CaptureConfig, file: Path, shared: Int64[np.ndarray, "camera frame"], indices: Sequence[VideoIndex]
+) -> tuple[int, list[Finding]]:
+    """How many of the shared frames to use, and what to say about it."""
+    count = shared.shape[1]
+    if config.frames is None or config.frames == count:
+        return count, []
+    videos = ", ".join(f"{index.path.name} has {index.num_frames}" for index in indices)
+    if config.frames > count:
+        raise InputError(
+            f"{file} says frames = {config.frames}, but the videos share only {count} ({videos}); correct it, or "
+            "copy the videos again if they were cut off"
+        )
+    return config.frames, [
+        Finding(
+            "warning",
+            file.name,
+            f"frames = {config.frames}, but the videos share {count} ({videos}); the first {config.frames} are used",
+        )
+    ]
+
+
+def selected_positions(
+    config: CaptureConfig, file: Path, first_frame: int, count: int
+) -> tuple[tuple[int, ...] | None, list[Finding]]:
+    if config.selected_frames is None:
+        return None, []
+    outside = [frame for frame in config.selected_frames if not first_frame <= frame < first_frame + count]
+    if outside:
+        raise InputError(
+            f"{file}: selected_frames {outside} are outside the capture, which has frames {first_frame} to "
+            f"{first_frame + count - 1} of the first camera"
+        )
+    unique = sorted(set(config.selected_frames))
+    findings = []
+    if len(unique) < len(config.selected_frames):
+        repeated = sorted({frame for frame in unique if config.selected_frames.count(frame) > 1})
+        findings.append(Finding("warning", file.name, f"selected_frames names {repeated} more than once; used once"))
+    return tuple(frame - first_frame for frame in unique), findings

@@ -14,7 +14,7 @@ _CHUNK = 1 << 20
 
 
 def content_hash(capture: Capture) -> str:
-    """Hash of the videos, the cameras, the keypoints, the masks and the settings of `capture.toml` that matter for
+    """Hash the videos, the cameras, the keypoints, the masks and the settings of `capture.toml` that matter for
     tracking; not of comments, names of files, or the truth. Reads every video once."""
     settings = (capture.up, capture.metres_per_unit, capture.selected_frames, capture.offsets, capture.camera_names)
     cameras = None if capture.cameras_path is None else capture.cameras
@@ -36,7 +36,7 @@ def content_hash(capture: Capture) -> str:
 
 
 def folder_hash(folder: Path) -> str:
-    """Hash of all files of a folder, by name."""
+    """Hash all files of a folder, by name."""
     found = hashlib.blake2b(digest_size=16)
     for path in sorted(folder.iterdir()):
         if path.is_file():

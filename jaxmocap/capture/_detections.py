@@ -15,8 +15,12 @@ from ._keypoints import keypoint_file
 
 @dataclass(frozen=True)
 class Detections:
-    """OpenPose BODY_25 files in `folder`, named as the capture's keypoints are; a frame or camera may be missing.
-    `frames` are the positions at which they may be used, None for all."""
+    """A detector's keypoints; a frame or camera may be missing.
+
+    capture: the capture they are of.
+    folder: OpenPose BODY_25 files, named as the capture's keypoints are.
+    frames: positions at which they may be used; None: all.
+    """
 
     capture: Capture
     folder: Path
@@ -24,7 +28,10 @@ class Detections:
 
     @staticmethod
     def open(capture: Capture, folder: str | Path, frames: Collection[int] | None = None) -> "Detections":
-        """Raises `InputError` when the folder does not exist or has no file of this capture in the frames asked for."""
+        """Open a folder.
+
+        Raises `InputError` when it does not exist or has no file of this capture in the frames asked for.
+        """
         folder = Path(folder)
         if not folder.is_dir():
             raise InputError(f"detections {folder}: there is no such folder; give one with OpenPose BODY_25 files.")

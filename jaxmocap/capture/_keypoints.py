@@ -27,7 +27,7 @@ def mask_file(folder: Path, camera: str, frame: int) -> Path:
 
 
 def read_people(file: Path) -> list[Float64[np.ndarray, "25 3"]]:
-    """All people of an OpenPose BODY_25 file who have a point: x, y (pixels), confidence. Raises `InputError`."""
+    """Read all people of an OpenPose BODY_25 file who have a point: x, y (pixels), confidence. Raises `InputError`."""
     try:
         document = json.loads(file.read_text(encoding="utf-8"))
         people = [person["pose_keypoints_2d"] for person in document["people"]]
@@ -60,12 +60,12 @@ def read_people(file: Path) -> list[Float64[np.ndarray, "25 3"]]:
 
 
 def best_person(people: list[Float64[np.ndarray, "25 3"]]) -> Float64[np.ndarray, "25 3"] | None:
-    """The person of the largest mean confidence; None if there is nobody."""
+    """Choose the person of the largest mean confidence; None if there is nobody."""
     return max(people, key=lambda points: float(points[:, 2].mean()), default=None)
 
 
 def read_mask(file: Path, size: tuple[int, int]) -> Bool[np.ndarray, "height width"]:
-    """A mask image, true above half of its largest value. Raises `InputError` for another size than the video's."""
+    """Read a mask image, true above half of its largest value. Raises `InputError` for a size unlike the video's."""
     image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise InputError(f"mask {file} cannot be read as an image")

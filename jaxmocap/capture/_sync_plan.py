@@ -17,8 +17,13 @@ from .synchronisation import Progress, Synchronisation, SyncMethod, synchronise
 
 @dataclass(frozen=True)
 class SyncPlan:
-    """The offsets found, and the `text` for the capture's `file`. `copies` are videos that belong into a new capture's
-    folder, by their name there."""
+    """What synchronising would write.
+
+    file: the capture's `capture.toml`.
+    text: its content.
+    found: the offsets.
+    copies: videos that belong into a new capture's folder, by their name there; none for a capture that exists.
+    """
 
     file: Path
     text: str

@@ -16,7 +16,11 @@ _PATIENCE = 0.2  # seconds; a run that ends takes its lock file away, and a lock
 
 
 class RunFolder(NamedTuple):
-    """Where the files of the result are written, and where the unfinished run is kept."""
+    """The places of a run.
+
+    staging: where the files of the result are written.
+    checkpoint: where the unfinished run is kept.
+    """
 
     staging: Path
     checkpoint: Path

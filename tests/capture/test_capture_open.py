@@ -24,7 +24,7 @@ from small_captures import (
 from jaxmocap._results import InputError
 from jaxmocap.camera import project
 from jaxmocap.capture import KEYPOINT_NAMES, Capture
-from jaxmocap.capture._undistortion import Undistortion
+from jaxmocap.capture._picture_steps import Undistortion
 
 
 def _toml(folder: Path, old: str, new: str) -> None:

@@ -16,9 +16,8 @@ from jaxmocap.capture import Capture, check, plan_sync, synchronise
 from jaxmocap.capture._edit_config import with_offsets
 from jaxmocap.capture._video import index_video
 from jaxmocap.capture.synchronisation import _synchronise
-from jaxmocap.capture.synchronisation._correlate_sound import compare_sounds
 from jaxmocap.capture.synchronisation._estimate import SURE, Undecided
-from jaxmocap.capture.synchronisation._sound import RATE, Sound, read_sound
+from jaxmocap.capture.synchronisation._sound import RATE, Sound, compare_sounds, read_sound
 
 STILL = {"moves": False, "times": rate(8, 4)}
 LOUD = {**STILL, "sound": "noise"}

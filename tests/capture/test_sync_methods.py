@@ -5,15 +5,10 @@ import pytest
 from films import Film, make_film, rate
 
 from jaxmocap.capture._video import index_video
-from jaxmocap.capture.synchronisation._brightness import measure_brightness
-from jaxmocap.capture.synchronisation._choose import choose
-from jaxmocap.capture.synchronisation._correlate_motion import compare_motions
-from jaxmocap.capture.synchronisation._correlate_sound import compare_sounds
-from jaxmocap.capture.synchronisation._estimate import Estimate, Undecided
-from jaxmocap.capture.synchronisation._flash import compare_flashes, find_flashes
-from jaxmocap.capture.synchronisation._motion_curve import measure_motion
-from jaxmocap.capture.synchronisation._offsets import solve_offsets
-from jaxmocap.capture.synchronisation._sound import RATE, Sound, read_sound
+from jaxmocap.capture.synchronisation._estimate import Estimate, Undecided, choose, solve_offsets
+from jaxmocap.capture.synchronisation._flash import compare_flashes, find_flashes, measure_brightness
+from jaxmocap.capture.synchronisation._motion import compare_motions, measure_motion
+from jaxmocap.capture.synchronisation._sound import RATE, Sound, compare_sounds, read_sound
 
 SHORT = rate(30, 30)
 IRREGULAR = tuple(np.cumsum(np.random.default_rng(3).uniform(0.02, 0.05, 90)).round(4))

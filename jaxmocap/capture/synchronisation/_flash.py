@@ -1,15 +1,24 @@
 """The flash of a lamp, seen by all cameras: the paper's way (Section 3), to a part of a frame by a rolling shutter."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, Float32, UInt8
 
-from .._video import FrameReader, VideoIndex
-from ._brightness import Brightness
+from jaxmocap._results import InputError
+
+from .._video import FrameReader, VideoIndex, luma_frames
 from ._estimate import Estimate, Undecided
 
+_CELLS = 16
+_BEFORE = 5  # frames whose median is what a frame is compared with
+_NOISES = 6.0
+_LEAST_JUMP = 3.0  # of 255
+_SATURATED = 245.0
+_BLACK = 6.0  # mean of 255, as in `check`
+_STILL = 1.5  # of 255; codecs make noise
 _LIT = 0.5  # share of the cells
 _APART = 4  # frames
 _MOST = 30  # flashes; more are a strobe, in which none can be told from the next
@@ -18,10 +27,62 @@ READOUT = 0.75
 """Time in which a rolling shutter reads the picture, as a share of the time between frames: phones take half to all."""
 
 
+@dataclass(frozen=True, eq=False)
+class Brightness:
+    """Mean luma, 0 to 255, of 16 x 16 cells of every frame of a video; one that cannot be decoded is like its
+    neighbour."""
+
+    index: VideoIndex
+    cells: Float32[np.ndarray, "frame cell"]
+
+    @property
+    def complaint(self) -> str | None:
+        """Why nothing can be seen in this video, if so."""
+        name = self.index.path.name
+        if self.index.num_frames < 2:
+            return f"{name} has one frame"
+        if self.cells.mean(axis=1).max() < _BLACK:
+            return f"{name} is black"
+        if np.abs(np.diff(self.cells, axis=0)).max() < _STILL:
+            return f"{name} shows the same picture all the time"
+        return None
+
+    def jumps(self) -> Float[np.ndarray, " frame"]:
+        """Share of the cells that are suddenly brighter than in the frames before; the unsaturated ones count."""
+        padded = np.concatenate([np.repeat(self.cells[:1], _BEFORE, axis=0), self.cells[:-1]])
+        before = np.median(np.lib.stride_tricks.sliding_window_view(padded, _BEFORE, axis=0), axis=-1)
+        noise = 1.4826 * np.median(np.abs(np.diff(self.cells, axis=0)), axis=0)
+        brighter = self.cells - before > np.maximum(_NOISES * noise, _LEAST_JUMP)
+        free: Bool[np.ndarray, "frame cell"] = before < _SATURATED
+        share = (brighter & free).sum(axis=1) / np.maximum(free.sum(axis=1), 1)
+        return np.where(free.mean(axis=1) > 0.25, share, 0.0)
+
+
+def measure_brightness(index: VideoIndex, progress: Callable[[float], None] | None = None) -> Brightness:
+    """Decode a video once; `progress` is told the seconds done. Raises `InputError` where it cannot be decoded."""
+    cells = np.zeros((index.num_frames, _CELLS * _CELLS), np.float32)
+    decoded = []
+    for frame, luma in luma_frames(index):
+        cells[frame] = cv2.resize(luma, (_CELLS, _CELLS), interpolation=cv2.INTER_AREA).astype(np.float32).ravel()
+        decoded.append(frame)
+        if progress is not None:
+            progress(float(index.seconds[frame]))
+    if not decoded:
+        raise InputError(f"video {index.path} has no frame that can be decoded; copy it again")
+    known = np.array(decoded)
+    before = np.searchsorted(known, np.arange(index.num_frames), side="right") - 1
+    return Brightness(index, cells[known[np.maximum(before, 0)]])
+
+
 @dataclass(frozen=True)
 class Flash:
-    """A sudden light: the first `frame` it falls into, the share of the lines read before it (`line`), the time it
-    began in seconds since the video's first frame, and the share of the picture it lights."""
+    """A sudden light.
+
+    frame: the first it falls into.
+    line: share of that frame's lines that were read before it.
+    seconds: when it began, since the video's first frame.
+    share: of the picture that it lights.
+    """
 
     frame: int
     line: float

@@ -2,17 +2,23 @@
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
+from scipy.fft import next_fast_len
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from ._fourier import fast_length
-from ._sound import RATE
-
+RATE = 16_000
+"""Samples per second of every track."""
 FASTEST_DRIFT = 2e-4
 """Seconds per second by which two clocks may differ; those of phones differ by less than half of it."""
 _BAND = (300.0, 4000.0)  # hertz: voices and claps, which every phone records and every codec keeps
 _WINDOW = 20.0  # seconds
 _MOST_WINDOWS = 15
 _HEARD_FOR_REPEATS = 60.0  # seconds
+
+
+def fast_length(least: int) -> int:
+    """A length of at least `least` with small prime factors only."""
+    length: int = next_fast_len(least, real=True)  # pyright: ignore[reportAssignmentType]
+    return length
 
 
 def _inside_band(size: int) -> Bool[np.ndarray, " frequency"]:
@@ -59,14 +65,14 @@ def smear(of_a: int, of_b: int) -> int:
 def repetition(samples: Float32[np.ndarray, " sample"], guard: float) -> tuple[float, float]:
     """How much a track is like itself at another time, more than `guard` seconds later: the highest normalised
     correlation within the band, and the time in seconds."""
-    inlier = samples[: int(_HEARD_FOR_REPEATS * RATE)]
-    size = fast_length(2 * len(inlier))
-    spectrum = np.fft.rfft(inlier, size) * _inside_band(size)
-    banded = np.fft.irfft(spectrum, size)[: len(inlier)].astype(np.float64)
-    product = np.fft.irfft(np.abs(np.fft.rfft(banded, size)) ** 2, size)[: len(inlier)]
+    heard = samples[: int(_HEARD_FOR_REPEATS * RATE)]
+    size = fast_length(2 * len(heard))
+    spectrum = np.fft.rfft(heard, size) * _inside_band(size)
+    banded = np.fft.irfft(spectrum, size)[: len(heard)].astype(np.float64)
+    product = np.fft.irfft(np.abs(np.fft.rfft(banded, size)) ** 2, size)[: len(heard)]
     energy = np.concatenate([[0.0], np.cumsum(banded**2)])
-    lags = np.arange(int(guard * RATE), len(inlier) // 2)
-    norms = np.sqrt(energy[len(inlier) - lags] * (energy[-1] - energy[lags]))
+    lags = np.arange(int(guard * RATE), len(heard) // 2)
+    norms = np.sqrt(energy[len(heard) - lags] * (energy[-1] - energy[lags]))
     values = np.abs(product[lags]) / np.maximum(norms, 1e-9 * energy[-1] + 1e-30)
     best = int(np.argmax(values))
     return float(values[best]), float(lags[best] / RATE)

@@ -1,18 +1,95 @@
-"""Two motion curves: the offset at which they look most alike, and how likely that is by chance."""
+"""Motion in the picture over time, and the offset at which two videos' motion is most alike."""
 
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 from scipy.special import ndtr
 
+from .._video import VideoIndex, luma_frames
 from ._estimate import Estimate, Undecided
-from ._fourier import fast_length
-from ._motion_curve import MotionCurve
+from ._phase_correlation import fast_length
 
+_LONG_SIDE = 160  # pixels
+_INLIER = 0.3  # pixels
+_ROUNDS = 5
+_FLOOR = 0.01  # picture heights per second, below which motion is noise
 _FINE = 4  # samples per frame
 _LEAST_SHARED = 1.0  # seconds; and of the shorter curve at least
 _LEAST_SHARE = 0.4
 _CHANCE = 0.01
-_STILL = 1e-3  # picture heights per second
+_LEAST_MOTION = 1e-3  # picture heights per second
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCurve:
+    """How a picture's content moves between successive frames.
+
+    Up and down are the same for all upright cameras, wherever they stand, and so is a good part of how fast.
+
+    index: the video.
+    seconds: the middle between the two frames, since the video's first.
+    values: mean velocity downwards, picture heights per second, and logarithm of the root mean square speed.
+    """
+
+    index: VideoIndex
+    seconds: Float64[np.ndarray, " step"]
+    values: Float64[np.ndarray, "step channel"]
+
+
+def measure_motion(
+    index: VideoIndex, flashes: Collection[int] = (), progress: Callable[[float], None] | None = None
+) -> MotionCurve:
+    """Decode a video once. Optical flow (DIS) between small frames, less the affine motion that most of the picture
+    follows. Around frames in which a flash begins, whose flow means nothing, the curve is interpolated.
+
+    `progress` is told the seconds done. Raises `InputError` where the video cannot be decoded.
+    """
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+    scale = _LONG_SIDE / max(index.size)
+    width, height = (max(round(side * scale), 16) for side in index.size)
+    seconds, values, last = [], [], None
+    for frame, luma in luma_frames(index):
+        upright = np.rot90(luma, index.quarter_turns)
+        small = cv2.resize(np.ascontiguousarray(upright), (width, height), interpolation=cv2.INTER_AREA)
+        if last is not None and frame > last[0]:
+            step = float(index.seconds[frame] - index.seconds[last[0]])
+            own = _without_camera(flow.calc(last[1], small, np.zeros((height, width, 2), np.float32))) / (height * step)
+            speed = np.sqrt(np.mean(np.sum(own**2, axis=-1)))
+            values.append((np.mean(own[..., 1]), np.log(speed + _FLOOR)))
+            seconds.append((index.seconds[frame] + index.seconds[last[0]]) / 2)
+            for flash in flashes:
+                if flash - 1 <= frame <= flash + 4:
+                    values[-1] = (np.nan, np.nan)
+        last = frame, small
+        if progress is not None:
+            progress(float(index.seconds[frame]))
+    curve = np.array(values, np.float64).reshape(-1, 2)
+    known = np.isfinite(curve[:, 0])
+    times = np.array(seconds, np.float64)
+    if known.any():
+        curve = np.stack([np.interp(times, times[known], channel[known]) for channel in curve.T], axis=1)
+    else:
+        curve = np.zeros_like(curve)
+    return MotionCurve(index, times, curve)
+
+
+def _without_camera(flow: Float32[np.ndarray, "height width 2"]) -> Float64[np.ndarray, "height width 2"]:
+    """Flow less its dominant affine part, found by least squares, reweighted for a Cauchy residual."""
+    height, width = flow.shape[:2]
+    y, x = np.mgrid[:height, :width]
+    design = np.stack([np.ones(height * width), x.ravel() / width - 0.5, y.ravel() / height - 0.5], axis=1)
+    target = flow.reshape(-1, 2).astype(np.float64)
+    weight = np.ones(len(design))
+    residual = target
+    for _ in range(_ROUNDS):
+        weighted = design * weight[:, None]
+        affine = np.linalg.solve(weighted.T @ design + 1e-9 * np.eye(3), weighted.T @ target)
+        residual = target - design @ affine
+        weight = 1 / (1 + np.sum(residual**2, axis=1) / _INLIER**2)
+    return residual.reshape(flow.shape)
 
 
 def compare_motions(first: MotionCurve, second: MotionCurve) -> Estimate:
@@ -26,7 +103,7 @@ def compare_motions(first: MotionCurve, second: MotionCurve) -> Estimate:
     for curve in (first, second):
         if len(curve.seconds) < 2 or np.ptp(curve.seconds) < _LEAST_SHARED:
             raise Undecided(f"{curve.index.path.name} is shorter than {_LEAST_SHARED:g} s")
-        if np.ptp(curve.values[:, 0]) < _STILL:
+        if np.ptp(curve.values[:, 0]) < _LEAST_MOTION:
             raise Undecided(f"nothing moves in {curve.index.path.name}")
     a, b = (_resample(curve, step) for curve in (first, second))
     lags = np.arange(1 - len(b), len(a))
