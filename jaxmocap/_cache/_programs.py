@@ -25,10 +25,8 @@ from ._records import UnreadableRecord, digest, read_records, write_records
 FOLDER = "JAXMOCAP_PROGRAMS"
 """The environment variable that names the folder; empty or absent: nothing is kept."""
 
-
 LARGEST = 1 << 29
 """Bytes that kept programs may take; those that have not been used for longest go first."""
-
 
 MOST_MAPS = 30_000
 """Memory maps of the process above which compiled programs are dropped."""
@@ -36,23 +34,12 @@ MOST_MAPS = 30_000
 AHEAD = 24
 """As many programs are loaded ahead: about those that are used until the first frame is tracked."""
 
-
 _PACKAGE = __name__.split(".")[0]
 _TRACED_BY = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "jaxtyping", "numpy")
-
-
 _UNREADABLE = (OSError, ImportError, UnreadableRecord, KeyError, TypeError, ValueError, RuntimeError)
-
-
 _UNKEEPABLE = (ImportError, TypeError, ValueError, NotImplementedError, KeyError)
-
-
 _P = ParamSpec("_P")
-
-
 _T = TypeVar("_T")
-
-
 _Program = tuple[Any, Any]
 """Of flat arrays to flat arrays, and the structure of the answer."""
 

@@ -22,11 +22,7 @@ import numpy as np
 from jaxmocap._files import write_bytes
 
 _PACKAGE = __name__.split(".")[0]
-
-
 _TREE = "__tree__"
-
-
 _DAMAGE = (
     zipfile.BadZipFile,
     ValueError,

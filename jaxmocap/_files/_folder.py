@@ -10,8 +10,6 @@ from pathlib import Path
 from jaxmocap._results import InputError
 
 _MOTION = "motion.npz"
-
-
 _STAGING = ".partial-"
 
 

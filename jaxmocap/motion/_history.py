@@ -1,18 +1,72 @@
-"""How the person has moved up to a frame: what the motion prior predicts from."""
+"""How the person has moved up to a frame, and where that leads: the autoregression of Eq. 10."""
 
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, ArrayLike, Float, Int
 
+from jaxmocap._results import InputError
 from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, away_from_limits, difference, nearest_equivalent
 
-from ._autoregression import predict_difference
+Order = Literal["ridge", "quadratic", "velocity"]
+MINIMUM_FOR_RIDGE = 7  # differences, that is eight poses
+
+
+def predict_difference(
+    differences: Float[Array, "frame dof"],
+    count: int | Int[Array, ""] | None = None,
+    mode: Order = "ridge",
+    ridge: ArrayLike = 0.1,
+) -> Float[Array, "dof"]:
+    """Predicted next difference `chi^_t - chi_{t-1}` from past differences `d_k = chi_k - chi_{k-1}`, oldest first.
+
+    The paper says "linear 3rd order" and names no coefficients. On poses `chi^_t = a1 chi_{t-1} + a2 chi_{t-2} + a3
+    chi_{t-3}`; here a1 + a2 + a3 = 1, so that the choice of a zero angle does not matter and the root can be predicted
+    in its tangent space (differences are then rotation and translation increments). On differences this is `d^ = b1
+    d_{t-1} + b2 d_{t-2}`:
+
+    - `"velocity"`: a = (2, -1, 0), b = (1, 0).
+    - `"quadratic"`: a = (3, -3, 1), b = (2, -1), constant acceleration; amplifies noise most.
+    - `"ridge"`: b per degree of freedom by least squares over the given frames, with `ridge` times the mean square
+      difference pulling towards (1, 0). Below eight poses it is `"velocity"`.
+
+    `count` says how many of the last rows are valid (default all), so that a window of fixed length compiles once; 30
+    poses are a good window. With one difference every mode is `"velocity"`; with none the prediction is zero.
+    """
+    if mode not in get_args(Order):
+        raise InputError(f"The autoregression mode is {mode!r}, expected one of {', '.join(get_args(Order))}.")
+    rows = differences.shape[0]
+    count = jnp.minimum(rows if count is None else count, rows)
+    valid = jnp.arange(rows)[:, None] >= rows - count
+    padding = jnp.zeros((2, differences.shape[1]), differences.dtype)
+    known = jnp.concatenate([padding, jnp.where(valid, differences, 0.0)])
+    last, before = known[-1], known[-2]
+    if mode == "velocity":
+        return last
+    if mode == "quadratic":
+        return jnp.where(count >= 2, 2 * last - before, last)
+    fitted = _fit(known, count, jnp.asarray(ridge))
+    return jnp.where(count >= MINIMUM_FOR_RIDGE, fitted[0] * last + fitted[1] * before, last)
+
+
+def _fit(
+    known: Float[Array, "padded dof"], count: Int[Array, ""], ridge: Float[Array, ""]
+) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
+    """Ridge regression of each difference on its two predecessors; two unknowns, so Cramer's rule."""
+    usable = (jnp.arange(known.shape[0] - 2)[:, None] >= known.shape[0] - count).astype(known.dtype)
+    square = jnp.sum(known**2, axis=0) / jnp.maximum(count, 1)
+    known = known / jnp.sqrt(jnp.where(square > 0, square, 1.0))  # a root of zero would make the gradient NaN
+    target, first, second = usable * known[2:], usable * known[1:-1], usable * known[:-2]
+    pull = jnp.maximum(ridge, 1e-6)
+    aa, bb, ab = jnp.sum(first**2, 0) + pull, jnp.sum(second**2, 0) + pull, jnp.sum(first * second, 0)
+    ya, yb = jnp.sum(target * first, 0) + pull, jnp.sum(target * second, 0)
+    determinant = aa * bb - ab**2
+    return (ya * bb - yb * ab) / determinant, (yb * aa - ya * ab) / determinant
+
 
 AngleChoice = Literal["same", "away_from_limits"]
 """Whether a ball joint keeps its set of angles from frame to frame, or takes the one with more room."""
-
 
 WINDOW = 30
 """Increments that the autoregression sees."""

@@ -1,4 +1,4 @@
-"""Motions at other times, and joint angles that do not jump."""
+"""A motion at other times, along other axes, and with angles that do not jump."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -90,3 +90,28 @@ def _slerp(
     timestamps: Float[np.ndarray, " frame"], matrices: Float[np.ndarray, "frame 3 3"], times: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, "time 3 3"]:
     return Slerp(timestamps, Rotation.from_matrix(matrices))(times).as_matrix()
+
+
+_Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+def turned(motion: Motion, up: str) -> Motion:
+    """The same motion in a world whose vertical axis is `up`; x stays."""
+    if up == motion.up:
+        return motion
+    turn = np.eye(4)
+    turn[:3, :3] = _Y_FROM_Z if up == "y" else _Y_FROM_Z.T
+    cameras = motion.cameras
+    if cameras is not None:
+        cameras = replace(cameras, cam_from_world=jnp.asarray(np.asarray(cameras.cam_from_world, float) @ turn.T))
+    covariance = motion.covariance
+    if covariance is not None:
+        covariance = turn[:3, :3] @ covariance @ turn[:3, :3].T
+    return replace(
+        motion,
+        root=turn @ motion.root,
+        joints=motion.joints @ turn[:3, :3].T,
+        cameras=cameras,
+        up=up,
+        covariance=covariance,
+    )

@@ -35,7 +35,6 @@ BODY_25 = {
 FACE = {15: ("r_eye",), 16: ("l_eye",), 17: ("r_ear",), 18: ("l_ear",)}
 """The points of BODY_25 that say where the head looks."""
 
-
 FARTHEST = 0.35
 """A person whose points lie farther than this share of our person's height from where they are expected (median) is
 somebody else."""

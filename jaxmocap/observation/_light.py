@@ -17,8 +17,6 @@ JUMP = 0.2
 """Change of the logarithm of brightness that counts as another light; moving cameras and people stay below 0.1."""
 
 _BLACK = 4.0
-
-
 _DARK, _BRIGHT = 16, 240
 
 

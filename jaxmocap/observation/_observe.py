@@ -44,13 +44,14 @@ class Observations:
     Observations know nothing of the frames that were tracked before; what frames teach about the background goes in and
     comes out as a `Background`.
 
-    capture: the videos.
-    cameras: one pinhole camera per view and frame.
-    character: the person's skinned mesh.
-    appearance: colour models of the person and the background, learnt at the selected frames.
-    key_poses: the registered pose of every selected frame.
-    features: how background points are found and matched.
-    detections: a detector's keypoints, for `Tracker.detections`; without them every frame is judged by its pixels.
+    Attributes:
+        capture: the videos.
+        cameras: one pinhole camera per view and frame.
+        character: the person's skinned mesh.
+        appearance: colour models of the person and the background, learnt at the selected frames.
+        key_poses: the registered pose of every selected frame.
+        features: how background points are found and matched.
+        detections: a detector's keypoints, for `Tracker.detections`; without them every frame is judged by its pixels.
     """
 
     capture: Capture

@@ -11,7 +11,6 @@ from jaxmocap.registration import Overrides, PersonMask, PersonMasks, Segmentati
 MaskRecord = dict[str, dict[str, dict]]
 """Frame -> camera -> where the mask comes from and how sure it is, as reports hold it."""
 
-
 _SETTINGS = SegmentationSettings()
 
 

@@ -32,8 +32,6 @@ EXTRAS = {
 
 
 _DECODERS = {"h264": "H.264", "hevc": "H.265 (HEVC)", "vp9": "VP9", "av1": "AV1", "libdav1d": "AV1", "mpeg4": "MPEG-4"}
-
-
 _ENCODER = "libx264"
 
 

@@ -22,17 +22,9 @@ from jaxmocap.synthetic import make_capture
 from jaxmocap.viewers import write_overlay_video
 
 _SIZE = (192, 108)
-
-
 _OFF = 0.06  # metres sideways, from where the gradient is taken and the search begins
-
-
 _WINDOWS = 4096
-
-
 _PARTICLES = 32
-
-
 _SOFT = SoftSettings(1.0, 12, 4096, 4096, 16384)
 
 

@@ -1,8 +1,13 @@
 """The local refinement of sec. 4.2: correspondences, rows, least squares."""
 
 from ._least_squares import Prior as Prior, Rows as Rows, descend as descend, free_prior as free_prior
-from ._plan import DetectionPlan as DetectionPlan, RefinePlan as RefinePlan, RefineWeights as RefineWeights
-from ._refine import Refinement as Refinement, detection_rays as detection_rays
+from ._refine import (
+    DetectionPlan as DetectionPlan,
+    Refinement as Refinement,
+    RefinePlan as RefinePlan,
+    RefineWeights as RefineWeights,
+    detection_rays as detection_rays,
+)
 from ._surface_flow import (
     Comparison as Comparison,
     FlowSettings as FlowSettings,

@@ -18,12 +18,18 @@ from jaxmocap.observation import BODY_25, FACE, stacked_keypoints
 from jaxmocap.refiners import AbstractRefiner, LeastSquares, Shooting
 
 from ._inverse_kinematics import inverse_kinematics, triangulated
-from ._shape_masks import mask_problems, outlines
-from ._shape_problem import OFFSETS, FramesSeen, ShapePrior, ShapeProblem, detector_points, solve
+from ._shape_problem import (
+    OFFSETS,
+    FramesSeen,
+    ShapePrior,
+    ShapeProblem,
+    detector_points,
+    mask_problems,
+    outlines,
+    solve,
+)
 
 FEWEST_FRAMES, FEWEST_POINTS = 3, 3
-
-
 _POINTS = BODY_25 | FACE
 
 

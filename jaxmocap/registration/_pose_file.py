@@ -12,7 +12,6 @@ from jaxmocap.character import ROOT_DOFS, Character, Pose, pose_from_vector, pos
 LARGEST_VALUE = 1e6
 """No metre or degree of a pose file is larger."""
 
-
 Overrides = dict[int, dict[str, float]]
 """Frame -> DoF name -> value: metres for root translations, degrees for everything else."""
 

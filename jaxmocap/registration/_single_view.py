@@ -16,13 +16,8 @@ from jaxmocap.character import Character, Pose, Skeleton
 TRUNK = (2, 5, 9, 12)
 """Keypoints that must be seen: right and left shoulder, right and left hip."""
 
-
 LEAST_POINTS = 8
-
-
 SIDES = 16
-
-
 _BONES = (
     (2, "r_shoulder", 9, "r_hip"),
     (5, "l_shoulder", 12, "l_hip"),

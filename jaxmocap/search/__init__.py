@@ -4,6 +4,7 @@ from ._body_search import BodySearch as BodySearch
 from ._evidence import (
     DrawnPose as DrawnPose,
     Evidence as Evidence,
+    PoseScore as PoseScore,
     uncovered_share as uncovered_share,
     without_seams as without_seams,
 )
@@ -11,4 +12,3 @@ from ._gating import Gating as Gating, Retry as Retry, SearchMemory as SearchMem
 from ._group_search import GroupSearch as GroupSearch, Stage as Stage, group_searches as group_searches
 from ._plan import Effort as Effort, SearchPlan as SearchPlan
 from ._polish import PolishPlan as PolishPlan, polish as polish
-from ._score import PoseScore as PoseScore

@@ -12,11 +12,10 @@ from jaxmocap.energies import SearchEnergy
 from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import Frame, FrameProblem, Observations
 
-from ._evidence import DrawnPose, Evidence
+from ._evidence import DrawnPose, Evidence, PoseScore
 from ._gating import SearchMemory, gated
 from ._group_search import Stage, group_searches, simplified_mesh
 from ._plan import SearchPlan, sigma_floor
-from ._score import PoseScore
 
 WIDE_TRUNK = 0.5
 """Share of far particles when the whole person is looked for."""

@@ -1,4 +1,4 @@
-"""What a drawn pose shows, what it costs limb by limb, and what it leaves unexplained.
+"""What a pose costs (Eq. 5), what it shows limb by limb, and what it leaves unexplained.
 
 Gating, re-search and verdict read the same figures, so they stand below all three.
 """
@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import cv2
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmocap._cache import cached_jit
-from jaxmocap.character import Character, Pose, dominant_bodies
-from jaxmocap.energies import covered_cost
+from jaxmocap._cache import cached_jit, optimised_jit
+from jaxmocap.character import Character, Pose, difference, dominant_bodies
+from jaxmocap.energies import Region, SearchEnergy, body_part, covered_cost, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem, draw
 from jaxmocap.render import to_screen
 
@@ -35,10 +36,11 @@ def _screens(vertices: Float[Array, "vertex 3"], problem: FrameProblem) -> Float
 class DrawnPose(NamedTuple):
     """A pose drawn in a frame's rectangles.
 
-    pose: the pose.
-    ids: the face drawn at each pixel, -1 for none.
-    costs: Eq. 6 of each pixel by its face.
-    over: the face drawn where each vertex projects to, -1 for none.
+    Attributes:
+        pose: the pose.
+        ids: the face drawn at each pixel, -1 for none.
+        costs: Eq. 6 of each pixel by its face.
+        over: the face drawn where each vertex projects to, -1 for none.
     """
 
     pose: Pose
@@ -55,10 +57,11 @@ Bodies = list[Bool[np.ndarray, "body"]]
 class Evidence:
     """Draws poses of a character and says what speaks for them (host).
 
-    character: the skinned mesh.
-    face_bodies: the body that moves each face most.
-    groups: the bodies that each group of degrees of freedom moves.
-    distal: the bodies beyond the elbow or knee of each limb, in the order of the skeleton's limbs.
+    Attributes:
+        character: the skinned mesh.
+        face_bodies: the body that moves each face most.
+        groups: the bodies that each group of degrees of freedom moves.
+        distal: the bodies beyond the elbow or knee of each limb, in the order of the skeleton's limbs.
     """
 
     character: Character
@@ -122,3 +125,32 @@ def without_seams(
     """The marked pixels but for seams thinner than a twentieth of the body's size in this view."""
     width = 2 * round(0.05 * np.sqrt(covered.sum()) / 2) + 1
     return cv2.morphologyEx(marked.astype(np.uint8), cv2.MORPH_OPEN, np.ones((width, width), np.uint8)) > 0
+
+
+@optimised_jit
+def _score(energy, character, part, pose, problem, increments, capacity):
+    height, width = problem.size
+    region = Region(jnp.zeros((problem.num_cameras, 2), jnp.int32), (height, width))
+    base = prepare_base(energy, character, part, pose, problem, region, capacity)
+    return score_particles(energy, character, part, pose, problem, region, base, increments, capacity)
+
+
+class PoseScore:
+    """Scores some poses on the full problem; the windows' capacity grows when needed (host)."""
+
+    def __init__(self, energy: SearchEnergy, character: Character):
+        self.energy = energy
+        self.character = character
+        self.part = body_part(character, character.skeleton.group("root"))
+        self.capacity = 2 ** (character.faces.shape[0] - 1).bit_length()
+
+    def __call__(self, problem: FrameProblem, poses: list[Pose]) -> tuple[np.ndarray, np.ndarray]:
+        """Totals (pose,) and terms (pose, term)."""
+        moved = [np.asarray(difference(self.character.skeleton, poses[0], pose)) for pose in poses]
+        increments = jnp.asarray(np.stack(moved + moved[-1:] * (-len(poses) % 4)))  # few and many compile once
+        while True:
+            scores = _score(self.energy, self.character, self.part, poses[0], problem, increments, self.capacity)
+            needed = int(scores.needed)
+            if needed <= self.capacity:
+                return np.asarray(scores.total)[: len(poses)], np.asarray(scores.terms)[: len(poses)]
+            self.capacity = 2 ** (needed - 1).bit_length()

@@ -15,9 +15,11 @@ class Gating:
     """Leave out a group whose flow start explains its pixels as well as the frame before did and does not jump. Not in
     the paper, which searches everything and names this as future work.
 
-    speed: metres per second that the 90th percentile of the group's vertices may move from the last frame to the start.
-    slack: how much the mean cost of Eq. 6 over its pixels may have grown.
-    longest: frames in a row after which a group is searched all the same.
+    Attributes:
+        speed: metres per second that the 90th percentile of the group's vertices may move from the last frame to the
+            start.
+        slack: how much the mean cost of Eq. 6 over its pixels may have grown.
+        longest: frames in a row after which a group is searched all the same.
     """
 
     speed: float = 3.0
@@ -33,15 +35,17 @@ class Retry:
     one that is seen costs little only in its exact place; so a hidden limb also gives way to an answer that is seen and
     raises the energy by less than `slack`, or by less than `near` and less than `slack` once both are refined.
 
-    hidden: a limb is hidden when less than this share of its distal half is seen in any view.
-    foreign: it is searched again when the mean cost of Eq. 6 over its distal half is above this.
-    uncovered: all limbs are when more than this share of the person looks foreign and is covered by nothing.
-    unusual: and this many times as much as in the median of the last frames: clothes wider than the mesh always are.
-    tries: answers per limb, twice as many for a hidden one.
-    margin: energy by which an answer has to be better.
-    slack: energy by which an answer that shows a hidden limb may be worse.
-    near: the same before both are refined.
-    turns: where a limb is searched again in frame after frame, one of so many searches is made in each.
+    Attributes:
+        hidden: a limb is hidden when less than this share of its distal half is seen in any view.
+        foreign: it is searched again when the mean cost of Eq. 6 over its distal half is above this.
+        uncovered: all limbs are when more than this share of the person looks foreign and is covered by nothing.
+        unusual: and this many times as much as in the median of the last frames: clothes wider than the mesh always
+            are.
+        tries: answers per limb, twice as many for a hidden one.
+        margin: energy by which an answer has to be better.
+        slack: energy by which an answer that shows a hidden limb may be worse.
+        near: the same before both are refined.
+        turns: where a limb is searched again in frame after frame, one of so many searches is made in each.
     """
 
     hidden: float = 0.5
@@ -64,11 +68,12 @@ class Retry:
 class SearchMemory(NamedTuple):
     """What a search hands from one frame to the next.
 
-    explained: mean cost of each group's pixels in the last answer, -inf where it is not known.
-    skipped: how many frames in a row each group was not searched.
-    uncovered: what share of the person stayed uncovered in the last frames, oldest first.
-    last_seen: the last pose that shows each limb, if any did.
-    searched_again: how many frames in a row each limb was searched again.
+    Attributes:
+        explained: mean cost of each group's pixels in the last answer, -inf where it is not known.
+        skipped: how many frames in a row each group was not searched.
+        uncovered: what share of the person stayed uncovered in the last frames, oldest first.
+        last_seen: the last pose that shows each limb, if any did.
+        searched_again: how many frames in a row each limb was searched again.
     """
 
     explained: Float[np.ndarray, "group"]

@@ -27,19 +27,13 @@ from jaxmocap.observation import FrameProblem, Surface, simplified_surface
 from jaxmocap.samplers import AbstractSampler, run
 
 REGION_STEP = 64
-
-
 WHOLE = 2 / 3
 """Share of the rectangle from which on a region is all of it: nothing outside is to be looked at, for few more pixels,
 and like captures share their programs."""
 
-
 _LEAST_FACES = 500
-
-
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
-
 
 POOL = 20
 """As many particles are drawn for each one that starts further afield; the best ones are taken."""

@@ -23,14 +23,15 @@ class BackwardSearch:
     limb that is far from halfway between the frames before and after is searched from halfway; the answer counts where
     it deviates half as far, does not hide the limb, and costs little more.
 
-    foreign: mean cost of Eq. 6 over the limb's distal half above which it looks foreign.
-    better: by how much less it costs in the later frame.
-    longest: frames that a limb is followed backwards at most.
-    margin: energy by which an answer has to be better.
-    deviation: metres from halfway above which a limb is searched from there,
-    acceleration_limit: if that is an acceleration above this, metres per second squared.
-    hidden: share of the distal half that an answer has to show in some view, where more was shown.
-    slack: energy by which an answer from halfway may be worse.
+    Attributes:
+        foreign: mean cost of Eq. 6 over the limb's distal half above which it looks foreign.
+        better: by how much less it costs in the later frame.
+        longest: frames that a limb is followed backwards at most.
+        margin: energy by which an answer has to be better.
+        deviation: metres from halfway above which a limb is searched from there,
+        acceleration_limit: if that is an acceleration above this, metres per second squared.
+        hidden: share of the distal half that an answer has to show in some view, where more was shown.
+        slack: energy by which an answer from halfway may be worse.
     """
 
     foreign: float = 0.45

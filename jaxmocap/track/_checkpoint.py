@@ -20,11 +20,12 @@ _STATE = "state.npz"
 class Saved(NamedTuple):
     """What a checkpoint holds.
 
-    results: by frame.
-    leg: 0 forwards, 1 backwards.
-    frame: the last one tracked in it.
-    state: of the tracking after that frame.
-    sizes: of the compiled programs.
+    Attributes:
+        results: by frame.
+        leg: 0 forwards, 1 backwards.
+        frame: the last one tracked in it.
+        state: of the tracking after that frame.
+        sizes: of the compiled programs.
     """
 
     results: dict[int, FrameResult]

@@ -20,15 +20,16 @@ class TrackingState(NamedTuple):
     """The state of the tracker between two frames. Nothing else remembers a frame, so that a state and the same inputs
     lead to the same bits.
 
-    background: what the frames so far have told of the background.
-    rectangle: the last rectangle; sizes never shrink within a sequence.
-    previous: images of the last frame that was tracked, in the light of the first.
-    history: how the person has moved up to it; None before the first frame.
-    light: per camera the light so far; empty where the tracker leaves light alone.
-    search: what the search remembers; None without a search.
-    recent: the last frames, which the backward search may search again, oldest first.
-    passed_over: results of the frames that were passed over since the last one that was tracked.
-    lost: whether the last verdict was "lost".
+    Attributes:
+        background: what the frames so far have told of the background.
+        rectangle: the last rectangle; sizes never shrink within a sequence.
+        previous: images of the last frame that was tracked, in the light of the first.
+        history: how the person has moved up to it; None before the first frame.
+        light: per camera the light so far; empty where the tracker leaves light alone.
+        search: what the search remembers; None without a search.
+        recent: the last frames, which the backward search may search again, oldest first.
+        passed_over: results of the frames that were passed over since the last one that was tracked.
+        lost: whether the last verdict was "lost".
     """
 
     background: Background

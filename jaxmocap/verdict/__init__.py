@@ -1,11 +1,13 @@
 """How far results may be trusted: signals, confidence, lost parts, outlier cameras, uncertainty."""
 
 from ._doubts import Doubt as Doubt, doubts as doubts
-from ._frame_result import FrameResult as FrameResult, passed_over as passed_over, poses_between as poses_between
 from ._frame_verdict import (
+    FrameResult as FrameResult,
     FrameVerdict as FrameVerdict,
     VerdictSettings as VerdictSettings,
     judge_frame as judge_frame,
+    passed_over as passed_over,
+    poses_between as poses_between,
 )
 from ._lost import LostSpan as LostSpan, limb_deviation as limb_deviation, lost_spans as lost_spans
 from ._outlier_camera import OutlierCamera as OutlierCamera, outlier_cameras as outlier_cameras

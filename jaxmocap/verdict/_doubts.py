@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ._frame_result import FrameResult
-from ._frame_verdict import VerdictSettings
+from ._frame_verdict import FrameResult, VerdictSettings
 from ._lost import runs
 from ._outlier_camera import agreement, contradicted, steadied
 
@@ -19,8 +18,6 @@ APART = (
 
 
 OUTLINE = "the body covers what looks like the background, or leaves uncovered what does not"
-
-
 UNEXPLAINED = (
     "the covered pixels do not look like the person, part of the person stays uncovered, or the body moves "
     "implausibly fast"

@@ -1,20 +1,26 @@
-"""How far a frame's answer may be trusted: from the pixels it explains, limb by limb."""
+"""What is known of a frame: how far its answer may be trusted, by the pixels it explains, and the record of it."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from jaxmocap.character import Pose, Skeleton, difference, nearest_equivalent, retract
+from jaxmocap.observation import FrameImages
 from jaxmocap.search import DrawnPose, Evidence
+
+from ._signals import FrameSignals
 
 
 @dataclass(frozen=True)
 class FrameVerdict:
     """What a frame says of itself.
 
-    confidence: of every landmark, 0 to 1.
-    status: "ok", "doubtful" or "lost".
-    covered_cost: mean cost of Eq. 6 over the covered pixels.
+    Attributes:
+        confidence: of every landmark, 0 to 1.
+        status: "ok", "doubtful" or "lost".
+        covered_cost: mean cost of Eq. 6 over the covered pixels.
     """
 
     confidence: Float[np.ndarray, "landmark"]
@@ -27,21 +33,23 @@ class VerdictSettings:
     """Where frames and limbs are called doubtful or lost; not in the paper. Costs are those of Eq. 6, mean over pixels:
     0 explains them, 0.5 says nothing, 1 is background. Chosen beside three captures (`benchmarks/verdicts.py`).
 
-    doubtful: cost of the covered pixels above which a frame is doubtful.
-    lost: cost above which it is lost.
-    top_speed: metres per second of the root above which a frame is doubtful, and at twice of which it is lost.
-    uncovered: share of the person that may look foreign and stay uncovered, as an arm that was lost does.
-    least_pixels: pixels of a body below which its confidence is that of the nearest ancestor with more.
-    hidden: a limb is lost when less than this share of its distal half is seen in any view,
-    foreign: or when the cost of that half is above this,
-    limb_deviation: or when it is more metres than this from halfway between the frames before and after,
-    acceleration_limit: at an acceleration above this, metres per second squared.
-    view_gap: metres that two views may show the body's surface apart, in the median over it.
-    matched: share of the surface at which two views have to show the same.
-    outline: background covered and person not covered, as a share of the body, mean over the views: an arm and a half.
-    joint_deviation: metres that a joint's standard deviation may be, mean over the body.
-    steady: frames whose median counts for the last four, and for cameras that contradict the others.
-    confidence: what a landmark of a doubtful frame has at most, unless only `joint_deviation` is the reason.
+    Attributes:
+        doubtful: cost of the covered pixels above which a frame is doubtful.
+        lost: cost above which it is lost.
+        top_speed: metres per second of the root above which a frame is doubtful, and at twice of which it is lost.
+        uncovered: share of the person that may look foreign and stay uncovered, as an arm that was lost does.
+        least_pixels: pixels of a body below which its confidence is that of the nearest ancestor with more.
+        hidden: a limb is lost when less than this share of its distal half is seen in any view,
+        foreign: or when the cost of that half is above this,
+        limb_deviation: or when it is more metres than this from halfway between the frames before and after,
+        acceleration_limit: at an acceleration above this, metres per second squared.
+        view_gap: metres that two views may show the body's surface apart, in the median over it.
+        matched: share of the surface at which two views have to show the same.
+        outline: background covered and person not covered, as a share of the body, mean over the views: an arm and a
+            half.
+        joint_deviation: metres that a joint's standard deviation may be, mean over the body.
+        steady: frames whose median counts for the last four, and for cameras that contradict the others.
+        confidence: what a landmark of a doubtful frame has at most, unless only `joint_deviation` is the reason.
     """
 
     doubtful: float = 0.42
@@ -85,3 +93,54 @@ def judge_frame(
     elif overall > settings.doubtful or speed > settings.top_speed or uncovered > settings.uncovered:
         status = "doubtful"
     return FrameVerdict(confidence[list(skeleton.landmark_bodies)], status, overall)
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """What was found in one frame, never changed afterwards: what all frames together say of it is a `SequenceVerdict`.
+
+    Attributes:
+        frame: position in the capture.
+        timestamp: seconds.
+        pose: the answer.
+        energy: Eq. 5 by term, and the mean cost of the covered pixels; empty for a frame that was passed over.
+        confidence: of every landmark as this frame alone tells it, 0 to 1.
+        status: "ok", "doubtful" or "lost", as this frame alone tells it.
+        deviation: standard deviation of the last particles, metres and radians.
+        hessian: J^T J of the refinement's last step, if there was one.
+        seconds: by stage.
+        limb_costs: mean cost of Eq. 6 over each limb's distal half, NaN where it is not seen.
+        limb_seen: share of each limb's distal half that some view shows.
+        signals: what the verdict on the sequence reads, where the frame was looked at.
+    """
+
+    frame: int
+    timestamp: float
+    pose: Pose
+    energy: dict[str, float]
+    confidence: Float[np.ndarray, "landmark"]
+    status: str
+    deviation: Float[np.ndarray, "dof"]
+    hessian: Float[np.ndarray, "dof dof"] | None
+    seconds: dict[str, float]
+    limb_costs: Float[np.ndarray, "limb"]
+    limb_seen: Float[np.ndarray, "limb"]
+    signals: FrameSignals | None = None
+
+
+def passed_over(skeleton: Skeleton, shown: FrameImages, pose: Pose, limbs: int) -> FrameResult:
+    """A frame that was not looked at: it has a pose, nothing that speaks for it, and is doubtful."""
+    unknown, confidence = np.full(limbs, np.nan), np.zeros(len(skeleton.landmark_names))
+    nothing = np.zeros(skeleton.num_dofs)
+    return FrameResult(
+        shown.frame, shown.timestamp, pose, {}, confidence, "doubtful", nothing, None, {}, unknown, unknown
+    )
+
+
+def poses_between(skeleton: Skeleton, results: Sequence[FrameResult], later: Pose) -> list[FrameResult]:
+    """Frames passed over in a row, which have the pose of the frame before, evenly on the way from there to a later
+    pose."""
+    earlier, steps = results[0].pose, len(results) + 1
+    way = difference(skeleton, earlier, nearest_equivalent(skeleton, later, earlier))
+    poses = [retract(skeleton, earlier, way * (number / steps)) for number in range(1, steps)]
+    return [replace(result, pose=pose) for result, pose in zip(results, poses, strict=True)]

@@ -16,12 +16,9 @@ from jaxmocap.character import (
     with_limb,
 )
 
-from ._frame_result import FrameResult
-from ._frame_verdict import VerdictSettings
+from ._frame_verdict import FrameResult, VerdictSettings
 
 HIDDEN, FOREIGN, JUMPING = "no view shows it", "its pixels look like the background", "it leaves its way"
-
-
 LOST = "the body's pixels look like the background, or it moves too fast"
 
 

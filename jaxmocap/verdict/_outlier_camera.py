@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ._frame_result import FrameResult
-from ._frame_verdict import VerdictSettings
+from ._frame_verdict import FrameResult, VerdictSettings
 from ._lost import runs
 from ._signals import FrameSignals
 

@@ -9,8 +9,7 @@ from jaxtyping import Float
 from jaxmocap.character import Character, Skeleton
 
 from ._doubts import UNTOLD, Doubt, doubts
-from ._frame_result import FrameResult
-from ._frame_verdict import VerdictSettings
+from ._frame_verdict import FrameResult, VerdictSettings
 from ._lost import LostSpan, lost_spans
 from ._outlier_camera import OutlierCamera, outlier_cameras
 from ._uncertainty import mean_deviations
@@ -20,11 +19,13 @@ from ._uncertainty import mean_deviations
 class SequenceVerdict:
     """The verdict on a tracked sequence; spans are in positions of the capture.
 
-    status: of every frame, "ok", "doubtful" or "lost".
-    confidence: of every landmark in every frame, 0 to 1.
-    doubts: spans of frames that are not to be trusted, and why.
-    lost: spans in which the body or a limb is lost, and why.
-    outlier_cameras: spans in which a camera shows the body elsewhere than the others, which alone are judged by then.
+    Attributes:
+        status: of every frame, "ok", "doubtful" or "lost".
+        confidence: of every landmark in every frame, 0 to 1.
+        doubts: spans of frames that are not to be trusted, and why.
+        lost: spans in which the body or a limb is lost, and why.
+        outlier_cameras: spans in which a camera shows the body elsewhere than the others, which alone are judged by
+            then.
     """
 
     status: list[str]

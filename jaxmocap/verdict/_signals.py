@@ -16,7 +16,6 @@ from jaxmocap.search import DrawnPose, Evidence, without_seams
 _LEAST_PIXELS = 100
 """Of a body, or a limb's outer half, that two views show, to say something about it."""
 
-
 WIDEST = 45.0
 """Degrees between two cameras, seen from the body, at which they still show a surface alike enough for optical flow."""
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from jaxmocap._cache import cached_jit
 from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, landmark_positions, retract
 
-from ._frame_result import FrameResult
+from ._frame_verdict import FrameResult
 
 
 class UncertaintySettings(NamedTuple):
@@ -21,13 +21,14 @@ class UncertaintySettings(NamedTuple):
     have heavier tails than any normal distribution, a limb is right or mistaken: the region of 90 % then holds 90 %,
     that of 50 % more and that of 99 % less. `benchmarks/uncertainty.py` measures it on any capture.
 
-    correlated: rows of the refinement that tell as much as one, for neighbouring points of a contour err alike.
-    free_root: deviation of a root that nothing tells, metres and radians.
-    free_angle: deviation of an angle that nothing tells, radians.
-    particles: weight of the last particles' deviation.
-    scale: factor on all deviations.
-    doubt: a landmark without confidence has 1 + `doubt` times the deviation.
-    floor: metres of deviation that every joint has, of the skeleton itself.
+    Attributes:
+        correlated: rows of the refinement that tell as much as one, for neighbouring points of a contour err alike.
+        free_root: deviation of a root that nothing tells, metres and radians.
+        free_angle: deviation of an angle that nothing tells, radians.
+        particles: weight of the last particles' deviation.
+        scale: factor on all deviations.
+        doubt: a landmark without confidence has 1 + `doubt` times the deviation.
+        floor: metres of deviation that every joint has, of the skeleton itself.
     """
 
     correlated: float = 30.0
