@@ -20,15 +20,17 @@ from ._fit_colours import fit_colour_models
 class ForegroundSettings(eqx.Module):
     """Which pixels teach a mesh triangle its colours. All static.
 
-    - `per_camera`: `"camera_then_pooled"`: a camera's own model where it has enough pixels, else that of all cameras;
-      `"camera"`: nothing else; `"pooled"`: one model for all cameras.
-    - `unseen`: `"none"`: a triangle that no selected frame shows has no model and psi_f = tau (the paper);
-    `"nearest"`: it takes the model of the nearest triangle over the surface that has one, so that a limb which turns
-    its unseen side keeps being worth covering.
-    - `pool_ring`: 1 lets a triangle with fewer than `pool_below` pixels borrow those of the triangles it shares an edge
-      with; 0 does not.
-    - `min_pixels`: pixels a model needs, borrowed ones included. A triangle that was never seen gets none.
-    - `min_facing`: smallest cosine between normal and view direction. `erosion`: pixels cut off the silhouette.
+    Attributes:
+        unseen: "none": a triangle that no selected frame shows has no model and psi_f = tau (the paper); "nearest": it
+            takes the model of the nearest triangle over the surface that has one, so that a limb which turns its unseen
+            side keeps being worth covering
+        per_camera: "camera_then_pooled": a camera's own model where it has enough pixels, else that of all cameras;
+            "camera": nothing else; "pooled": one model for all cameras
+        pool_ring: 1 lets a triangle with few pixels borrow those of the triangles it shares an edge with; 0 does not
+        pool_below: pixels that are few
+        min_pixels: pixels a model needs, borrowed ones included; a triangle that was never seen gets none
+        min_facing: smallest cosine between normal and view direction
+        erosion: pixels cut off the silhouette
     """
 
     unseen: Literal["none", "nearest"] = eqx.field(static=True, default="none")

@@ -18,14 +18,19 @@ Matches = tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]
 class FeatureSettings:
     """How background features are found and filtered.
 
-    - `count`: SIFT features per frame. `scales`: image scales tried in turn until `enough` matches survive; half
-      resolution takes a fifth of the time and usually suffices. `ratio`: of nearest to second nearest descriptor.
-    - `model`: the global check, `"fundamental"` (keeps parallax) or `"homography"`, at `threshold` pixels.
-    - `blocks`: the image is cut into blocks x blocks, and each asks for a common affine motion at `block_threshold`
-      pixels; 0 turns it off.
-    - `minimum`: direct matches below which tracks from the previous frame are added.
-    - `mask_growth`: pixels by which the person mask grows; `mask_growth_to`: the same for the second frame, where the
-      mask is a prediction, as a share of the image height.
+    Attributes:
+        count: SIFT features per frame
+        scales: image scales tried in turn until `enough` matches survive; half resolution takes a fifth of the time and
+            usually suffices
+        enough: matches
+        ratio: of the nearest to the second nearest descriptor's distance
+        model: of the global check: "fundamental", which keeps parallax, or "homography"
+        threshold: of the global check, pixels
+        blocks: the image is cut into blocks x blocks, and each asks for a common affine motion; 0 turns that off
+        block_threshold: of that motion, pixels
+        minimum: direct matches below which tracks from the previous frame are added
+        mask_growth: pixels by which the person mask grows
+        mask_growth_to: the same for the second frame, where the mask is a prediction, as a share of the image height
     """
 
     count: int = 3000

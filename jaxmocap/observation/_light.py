@@ -22,12 +22,14 @@ _DARK, _BRIGHT = 16, 240
 
 @dataclass(frozen=True)
 class LightSettings:
-    """How the light of a frame is compared with that of the first one (not in the paper, whose colour models know one
-    light).
+    """How the light of a frame is compared with that of the first. Not in the paper, whose colour models know one
+    light.
 
-    Changes of the logarithm of a channel below `still` are left alone, so that in steady light every picture stays as
-    it is; from twice that on they are taken out wholly. Pictures are compared at `width` pixels, where at least
-    `overlap` of them shows the same.
+    Attributes:
+        still: changes of the logarithm of a channel below this are left alone, so that in steady light every picture
+            stays as it is; from twice that on they are taken out wholly
+        width: pixels at which pictures are compared
+        overlap: share of them that has to show the same
     """
 
     still: float = 0.05

@@ -22,9 +22,14 @@ from ._surface_flow import FlowSettings, Source, padded, picture_source, same_ti
 class RefineWeights(eqx.Module):
     """Numbers of Eqs 8 to 10, all array leaves.
 
-    `regularisation` is lambda_reg = 3 of the paper; `residual_scale` the metres that count as 1 in the data term (the
-    paper gives no unit): with it the L1's dead zone is about 0.06 degrees for a forearm. `prior` scales the pull to the
-    autoregression's prediction against lambda_reg, 1 is the paper. `robust` is the Geman-McClure scale in metres.
+    Attributes:
+        regularisation: lambda_reg, 3 in the paper
+        residual_scale: metres that count as 1 in the data term, for which the paper gives no unit; with it the L1's
+            dead zone is about 0.06 degrees for a forearm
+        prior: factor on the pull to the autoregression's prediction against lambda_reg; 1 is the paper
+        robust: Geman-McClure scale, metres
+        contour: weight of contour rows
+        surface: weight of surface rows, which are not in the paper
     """
 
     regularisation: Knob = knob(3.0)
@@ -37,10 +42,21 @@ class RefineWeights(eqx.Module):
 
 @dataclass(frozen=True)
 class RefinePlan:
-    """The local refinement: `rounds` of association and solving; `robust_start` widens the robust scale of the first
-    round, halved every round; `edges` is where contours look for their edge, the Canny picture (the paper) or the
-    outline of what is not background; `surface_flow` adds to the paper's contour rows the correspondences carried over
-    the surface from the selected frames and the other views."""
+    """The local refinement of sec. 4.2. `RefinePlan()` is the paper.
+
+    Attributes:
+        rounds: of association and solving; 6 in the paper
+        steps: of Gauss-Newton per round
+        robust_start: widens the robust scale of the first round; halved every round
+        contours: how contours look for their edge
+        edges: where they look: "canny", the Canny picture (the paper), or "background", the outline of what is not
+            background
+        surface_flow: adds the correspondences transferred over the surface from the selected frames and the other views
+        flow: settings of these
+        weights: of the rows and the prior
+        refiner: solves the compressed least-squares problem with the L1, the prior and the joint limits
+        autoregression: how the next increment is predicted, see `predict_difference`
+    """
 
     rounds: int = 6
     steps: int = 2
@@ -56,8 +72,12 @@ class RefinePlan:
 
 @dataclass(frozen=True)
 class DetectionPlan:
-    """How a detector's keypoints count, where the observations have any: as the term `search` of the search energy, and
-    as rows of the refinement, where `scale` metres from a point's ray count as 1 and beyond `robust` metres it fades.
+    """How a detector's keypoints count, where the observations have any. Not in the paper.
+
+    Attributes:
+        search: the term of the search energy
+        scale: metres from a point's ray that count as 1 in the refinement
+        robust: metres beyond which a point fades (Geman and McClure)
     """
 
     search: Keypoints = field(default_factory=Keypoints)

@@ -84,9 +84,16 @@ def same_time_sources(
 
 @dataclass(frozen=True)
 class FlowSettings:
-    """`samples` rows per view and source; pixels nearer than `margin` to the silhouette are left out, grazing faces
-    below `facing` too; `colour` is the largest grey difference (0..1) of a match; `longest` the longest flow in
-    pixels."""
+    """Which surface points optical flow moves, and which of its answers to believe. Not in the paper.
+
+    Attributes:
+        samples: rows per view and source
+        margin: pixels from the silhouette that are left out
+        facing: least cosine between a face's normal and the direction to either camera
+        colour: largest grey difference of a match, 0 to 1
+        longest: longest flow, pixels
+        preset: of OpenCV's DIS flow: "ultrafast", "fast" or "medium"
+    """
 
     samples: int = 800
     margin: int = 3

@@ -28,9 +28,17 @@ from jaxmocap.search import Stage, group_searches
 
 @dataclass(frozen=True)
 class RegistrationSettings:
-    """`rounds` of contour association and least squares. Below `search_below` intersection over union the silhouette
-    energy is searched by annealing (Gall et al. 2009). `view_flow` rounds compare the views with each other through the
-    surface (Eq. 7 as least squares); 0 leaves that out, which is the paper's registration."""
+    """How a rough pose becomes a registered one (sec. 3.2).
+
+    Attributes:
+        rounds: of contour association and least squares
+        search_below: intersection over union below which the silhouette energy is searched by annealing (Gall et al.
+            2009)
+        warn_below: intersection over union below which the command line warns
+        view_flow: rounds that compare the views with each other through the surface (Eq. 7 as least squares); 0, the
+            paper, leaves that out
+        refiner: solves the least squares
+    """
 
     rounds: int = 10
     search_below: float = 0.9

@@ -28,9 +28,15 @@ from ._register import register
 
 @dataclass(frozen=True)
 class SegmentationSettings:
-    """At most `rounds` times the body is fitted to the masks and they are cut again, until no mask changes by more than
-    `settled` (1 - intersection over union). `others` frames of each camera tell what stands still. Below `warn_below`
-    confidence a mask is worth a look."""
+    """How the person's masks are found. Not in the paper, where they are drawn by hand.
+
+    Attributes:
+        rounds: times at most that the body is fitted to the masks and they are cut again
+        settled: 1 - intersection over union below which no mask counts as changed
+        others: frames of each camera that tell what stands still
+        warn_below: confidence below which a mask is worth a look
+        cut: settings of the graph cut
+    """
 
     rounds: int = 2
     settled: float = 0.01

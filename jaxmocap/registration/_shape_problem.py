@@ -39,17 +39,22 @@ _COUPLED = {"torso": ("shoulders", "hips")} | {name: (name,) for name in GIRTHS 
 
 
 class ShapePrior(eqx.Module):
-    """Independent Gaussians that keep a fitted body human; logarithms of scales but for `offset` (metres).
+    """Independent Gaussians that keep a fitted body human: standard deviations of logarithms of scales, unless said
+    otherwise.
 
-    The standard deviations are ours, of the order of the coefficients of variation among adults (Gordon et al., 2012
-    Anthropometric Survey of U.S. Army Personnel, NATICK/TR-15/007, 2014): about 4 % of stature within a sex, 5 % of the
-    lengths of segments and of breadths, 10 % of girths; head, hand and foot (`extremity`) less. The means are the
-    generic character's own proportions; a girth's is `coupling` times its bone's length.
+    They are ours, of the order of the coefficients of variation among adults (Gordon et al., 2012 Anthropometric Survey
+    of U.S. Army Personnel, NATICK/TR-15/007, 2014). The means are the generic character's own proportions.
 
-    `offset` lets a detector's points (an annotator's idea of a joint, on the skin) lie elsewhere than the skeleton's
-    landmarks, by the same vector in all frames, mirrored between the sides. `posture` bounds how far spine, neck and
-    collar bones bend, as shares of their limits; `angle` (radians) keeps what no keypoint shows near the start.
-    `widest` standard deviations are never exceeded.
+    Attributes:
+        height: of the whole body; about 4 % within a sex
+        length: of a bone; about 5 %
+        extremity: of head, hand and foot
+        girth: of a girth; about 10 %
+        coupling: mean of a girth's logarithm as a share of its bones'
+        offset: of a detector's idea of a landmark, metres: one vector for all frames, mirrored between the sides
+        posture: how far spine, neck and collar bones bend, as a share of their limits
+        angle: radians; keeps what no keypoint shows near the start
+        widest: standard deviations that are never exceeded
     """
 
     height: Scalar = knob(0.06)
