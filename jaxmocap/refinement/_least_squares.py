@@ -13,6 +13,12 @@ from jaxmocap.character import ROOT_DOFS, Character, Pose, retract
 from jaxmocap.energies import LineResidual, SurfaceLines, join_lines
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
 
+DAMPING = 1e-3
+"""Of the first step, as a share of the diagonal of J^T J (Levenberg and Marquardt)."""
+
+SETTLED = 1e-4
+"""Metres and radians: a step that moves less is the last one."""
+
 LandmarkRows = Callable[[Character, Pose], Float[Array, "rows"]]
 """Residuals of a pose's landmarks, such as `LandmarkRays`."""
 
@@ -128,10 +134,9 @@ def descend(
     prior: Prior,
     refiner: AbstractRefiner,
     steps: int = 3,
-    damping: float = 1e-3,
-    tolerance: float = 1e-4,
 ) -> tuple[Float[Array, "dof"], Float[Array, "dof dof"]]:
     """A few accepted Gauss-Newton steps with fixed correspondences; returns the increment and the last J^T J."""
+    damping = DAMPING
     step, rows = None, tuple(row._replace(scale=_array(row.scale), robust=_array(row.robust)) for row in rows)
     for _ in range(steps):
         step = gauss_newton_step(
@@ -140,7 +145,7 @@ def descend(
         if float(step.after) <= float(step.before) * (1 + 1e-6):
             moved = float(np.abs(np.asarray(step.delta) - np.asarray(delta)).max())
             delta, damping = step.delta, damping / 3
-            if moved < tolerance:
+            if moved < SETTLED:
                 break
         else:
             damping = max(damping, 1e-4) * 8

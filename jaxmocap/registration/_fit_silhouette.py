@@ -89,7 +89,6 @@ def fit_to_masks(
             _frozen(prior, fixed),
             settings.refiner,
             steps=3,
-            damping=1e-3,
         )
         pose = retract(character.skeleton, pose, delta)
     return pose
@@ -147,7 +146,6 @@ def fit_between_views(
             _frozen(prior, fixed),
             settings.refiner,
             steps=3,
-            damping=1e-3,
         )
         pose = retract(character.skeleton, pose, delta)
     return pose
