@@ -12,7 +12,6 @@ from ._detections import (
     nearest_person as nearest_person,
     stacked_keypoints as stacked_keypoints,
 )
-from ._draw import draw as draw, full_image_ids as full_image_ids
 from ._edges import (
     background_edges as background_edges,
     image_edges as image_edges,
@@ -50,6 +49,8 @@ from ._problem import (
     FrameImages as FrameImages,
     FrameProblem as FrameProblem,
     build_problem as build_problem,
+    draw as draw,
+    full_image_ids as full_image_ids,
 )
 from ._rectangle import (
     Rectangle as Rectangle,

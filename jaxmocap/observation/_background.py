@@ -19,9 +19,8 @@ from jaxmocap.capture import Capture
 from jaxmocap.character import Character, Pose, skin
 
 from ._clean_plate import CleanPlate
-from ._draw import full_image_ids
 from ._features import FeatureSettings, FrameFeatures, frame_features, match_background
-from ._problem import FrameImages
+from ._problem import FrameImages, full_image_ids
 from ._rectangle import Rectangle
 
 LONGEST_GAP = 4

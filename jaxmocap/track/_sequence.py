@@ -137,7 +137,7 @@ def motion_of(
         capture.timestamps[positions],
         confidence=judged.confidence,
         status=judged.status,
-        covariance=joint_covariances(character.skeleton, results, judged.confidence),
+        covariance=joint_covariances(character.skeleton, results, confidence=judged.confidence),
         energy={name: np.array([result.energy.get(name, np.nan) for result in results]) for name in terms},
         provenance={
             "seconds_per_frame": float(np.mean(seconds)),

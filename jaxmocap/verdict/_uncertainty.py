@@ -43,8 +43,8 @@ class UncertaintySettings(NamedTuple):
 def joint_covariances(
     skeleton: Skeleton,
     results: Sequence[FrameResult],
-    confidence: Float[np.ndarray, "frame landmark"] | None = None,
     settings: UncertaintySettings | None = None,
+    confidence: Float[np.ndarray, "frame landmark"] | None = None,
 ) -> Float[np.ndarray, "frame landmark 3 3"]:
     """Covariance of every landmark in every frame, square metres, world axes: first order around the pose.
 
@@ -73,7 +73,7 @@ def mean_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float
     if all(result.hessian is None for result in results):
         return None
     settings = UncertaintySettings(doubt=0.0)
-    variances = np.trace(joint_covariances(skeleton, results, settings=settings), axis1=-2, axis2=-1)
+    variances = np.trace(joint_covariances(skeleton, results, settings), axis1=-2, axis2=-1)
     return np.sqrt(variances).mean(axis=1, dtype=float)
 
 
