@@ -86,7 +86,7 @@ Settings = Annotated[
 
 
 def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
-    """`--set NAME=VALUE ...` as a dictionary."""
+    """Read `--set NAME=VALUE ...` as a dictionary."""
     found = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -97,7 +97,7 @@ def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
 
 
 def frame_span(text: str | None, num_frames: int, name: str = "--frames") -> tuple[int, int] | None:
-    """`--frames A:B` as (A, B) within a capture of `num_frames`; None for all frames."""
+    """Read `--frames A:B` as (A, B) within a capture of `num_frames`; None for all frames."""
     if text is None:
         return None
     found = re.fullmatch(r"\s*(\d*)\s*:\s*(\d*)\s*", text)

@@ -54,7 +54,7 @@ def _draw(path: Path, file: Path) -> None:
 
 
 def examine(path: Path) -> "list[Finding]":
-    """The findings about a capture and about its actor, errors first."""
+    """Find what is wrong with a capture and with its actor, errors first."""
     from jaxmocap.capture import Finding, check
 
     findings = check(path)
@@ -67,7 +67,7 @@ def examine(path: Path) -> "list[Finding]":
 
 
 def findings_table(findings: "list[Finding]", path: Path) -> Table | str:
-    """The findings as a table, or one sentence if there are none."""
+    """Lay the findings out as a table, or say in one sentence that there are none."""
     if not findings:
         return f"{path}: nothing to complain about; it can be tracked."
     table = Table(title=str(path), title_justify="left")

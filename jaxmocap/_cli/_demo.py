@@ -11,8 +11,7 @@ import tyro
 from jaxmocap._results import InputError
 
 from ._arguments import Json, Seed
-from ._output import progress, say, show
-from ._pictures import write_png
+from ._output import progress, say, show, write_png
 from ._register import refuse_if_taken
 from ._track import report_trust, summary
 
@@ -57,7 +56,7 @@ def demo(
 
 
 def contact_sheet_of(path: Path, motion: "Motion"):
-    """The tracked body over a few frames, one row per frame and one column per camera."""
+    """Draw the tracked body over a few frames, one row per frame and one column per camera."""
     import numpy as np
 
     from jaxmocap.capture import Capture

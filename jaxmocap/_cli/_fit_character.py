@@ -59,7 +59,7 @@ def _generic(capture: "Capture", actor: Path | None) -> "Character":
 
 
 def fit_record(fit: "CharacterFit", generic: "Character") -> dict[str, Any]:
-    """What was fitted, in centimetres; scales are relative to the generic character."""
+    """Describe what was fitted, in centimetres; scales are relative to the generic character."""
     import numpy as np
 
     from jaxmocap.character import GIRTHS, bone_lengths

@@ -1,24 +1,28 @@
-"""What a command says and where: its answer on standard output, messages and progress on standard error."""
+"""What a command says and where: its answer on standard output, messages and progress on standard error, pictures."""
 
 import contextlib
 import json
 from collections.abc import Callable, Iterator
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:
+    import numpy as np
 
 Report = Callable[[str, int, int], None]
 """`report(stage, done, total)`: what is going on, and how far it is."""
 
 
 def say(message: str) -> None:
-    """A line for people, on standard error."""
+    """Write a line for people, on standard error."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(message, markup=False)
 
 
 def show(value: Any, as_text: Callable[[], Any], *, json_wanted: bool) -> None:
-    """A command's answer on standard output: `value` as JSON and nothing else, or `as_text()` as rich prints it."""
+    """Write a command's answer on standard output: `value` as JSON alone, or `as_text()` as rich prints it."""
     if json_wanted:
         plain = json.loads(json.dumps(value, default=str), parse_constant=lambda _: None)  # NaN is no JSON
         print(json.dumps(plain, indent=2, allow_nan=False, ensure_ascii=False))
@@ -28,8 +32,8 @@ def show(value: Any, as_text: Callable[[], Any], *, json_wanted: bool) -> None:
 
 @contextlib.contextmanager
 def progress() -> Iterator[Report]:
-    """A bar per stage on standard error, drawn only on a terminal; elsewhere a line when a stage begins and
-    at every tenth of a long one."""
+    """Report progress on standard error: a bar per stage on a terminal, elsewhere a line when a stage begins and at
+    every tenth of a long one."""
     console = Console(stderr=True, highlight=False)
     columns = (
         TextColumn("{task.description:<24}"),
@@ -54,3 +58,17 @@ def progress() -> Iterator[Report]:
 
     with bars:
         yield report
+
+
+def write_png(path: Path, image: "np.ndarray") -> None:
+    """Write an RGB uint8 image, atomically."""
+    import cv2
+
+    from jaxmocap._files import write_bytes
+
+    write_bytes(path, cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes())
+
+
+def mask_words(entry: dict) -> str:
+    """Say an entry of a mask record in a word or two."""
+    return f"{entry['source']} {entry['confidence']:.2f}" if "confidence" in entry else entry["source"]

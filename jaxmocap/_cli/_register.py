@@ -9,8 +9,7 @@ from rich.table import Table
 from jaxmocap._results import InputError
 
 from ._arguments import ActorFile, CapturePath, FindMasks, Json, PoseFile, Seed
-from ._output import progress, say, show
-from ._pictures import mask_words, write_png
+from ._output import mask_words, progress, say, show, write_png
 
 if TYPE_CHECKING:
     from jaxmocap.camera import Cameras
@@ -66,7 +65,7 @@ def register(
 
 
 def refuse_if_taken(out: Path) -> None:
-    """Only a new or an empty folder is written to."""
+    """Refuse an output that is not a new or an empty folder."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} exists already; choose a new or an empty folder with --out.")
 

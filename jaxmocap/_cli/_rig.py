@@ -10,7 +10,7 @@ from rich.table import Table
 from jaxmocap._results import InputError
 
 from ._arguments import Json
-from ._output import say, show
+from ._output import say, show, write_png
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
@@ -128,8 +128,6 @@ def rig(
     if picture is not None:
         from jaxmocap.viewers import draw_character
 
-        from ._pictures import write_png
-
         write_png(picture, draw_character(rigged.character))
     show({"out": out, **rigged.report}, lambda: _table(rigged.report, out), json_wanted=json)
     for warning in rigged.report["warnings"]:
@@ -152,7 +150,7 @@ def _draw(mesh: Path, folder: Path, up: Axis | None, front: Axis | None, json_wa
 
 
 def refuse_unusable(out: Path) -> None:
-    """Only a new GLB file is written to."""
+    """Refuse an output that is not a new GLB file."""
     if out.suffix.lower() != ".glb":
         raise InputError(f"--out is {out}; a character is written as a file that ends in .glb.")
     if out.exists():

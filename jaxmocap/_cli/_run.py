@@ -64,7 +64,7 @@ frame is to be trusted; 1 an error of jaxmocap itself, please report the traceba
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command; the exit code. Each verb is a function that returns its own. Usage errors exit with 2."""
+    """Run one command and return its exit code, which each verb gives; usage errors exit with 2."""
     configure()
     try:
         return tyro.extras.subcommand_cli_from_dict(

@@ -7,8 +7,7 @@ import tyro
 from rich.table import Table
 
 from ._arguments import CapturePath, Json, PoseFile, Seed
-from ._output import progress, say, show
-from ._pictures import mask_words, write_png
+from ._output import mask_words, progress, say, show, write_png
 from ._register import refuse_if_taken
 
 if TYPE_CHECKING:

@@ -89,14 +89,14 @@ def track(
 
 
 def summary(motion: "Motion") -> dict[str, float]:
-    """How a tracked motion turned out, in numbers."""
+    """Sum up in numbers how a tracked motion turned out."""
     counts = {f"{status}_frames": int((motion.status == status).sum()) for status in ("lost", "doubtful")}
     counts = {"trusted_frames": int(motion.trusted.sum()), **counts}
     return {"frames": len(motion), **counts, "seconds_per_frame": motion.provenance["seconds_per_frame"]}
 
 
 def sentence(motion: "Motion", out: Path) -> str:
-    """How a tracked motion turned out, in words."""
+    """Say in words how a tracked motion turned out."""
     found = summary(motion)
     return (
         f"{out}: {found['frames']} frames, {found['trusted_frames']} to be trusted, {found['lost_frames']} lost, "
@@ -105,7 +105,7 @@ def sentence(motion: "Motion", out: Path) -> str:
 
 
 def report_trust(motion: "Motion") -> int:
-    """The exit code, after naming the frames that are not to be trusted, and why."""
+    """Name the frames that are not to be trusted, and why; the exit code."""
     from jaxmocap.camera import ranges
 
     def where(first: int, last: int) -> str:
@@ -114,8 +114,9 @@ def report_trust(motion: "Motion") -> int:
     for span in motion.provenance["lost"]:
         if span["part"] != "body":
             say(f"The {span['part']} is lost in {where(span['first'], span['last'])}: {span['why']}.")
-    for odd in motion.provenance["outlier_cameras"]:
-        say(f"Camera {odd['camera']} is left out of the verdict in {where(odd['first'], odd['last'])}: {odd['why']}.")
+    for span in motion.provenance["outlier_cameras"]:
+        shown = where(span["first"], span["last"])
+        say(f"Camera {span['camera']} is left out of the verdict in {shown}: {span['why']}.")
     for doubt in motion.provenance["doubts"]:
         say(f"Do not trust {where(doubt['first'], doubt['last'])}: {doubt['why']}.")
     lost = motion.frames[motion.status == "lost"].tolist()

@@ -22,8 +22,13 @@ _PICTURED = 12
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What `bench` found: `rows` of the tidy table, `figures` for the gate, `complaints` about figures that are worse
-    than the baseline, and the files written."""
+    """What `bench` found.
+
+    rows: the tidy table, a row per trial.
+    figures: what the gate compares.
+    complaints: sentences about figures that are worse than the baseline.
+    files: what was written, by what it holds.
+    """
 
     rows: list[Row]
     figures: list[Figure]
@@ -53,7 +58,7 @@ def bench(
     retry_failed: bool = False,
     progress: Report | None = None,
 ) -> Benchmark:
-    """The paper's section 5: competitors and ablations on captures with known truth, as one table and one report.
+    """Run the paper's section 5: competitors and ablations on captures with known truth, as one table and one report.
 
     `out` receives `runs.csv` (and `runs.parquet` where pyarrow is installed), `frames.csv`, `figures.json`,
     `report.html` and `report.md`; finished runs stay in `out/runs` and are never done again, so that the same call goes
@@ -155,7 +160,7 @@ def _has_pyarrow() -> bool:
 
 
 def summary_lines(result: Benchmark) -> dict[str, Any]:
-    """What the command line says."""
+    """Sum a benchmark up for the command line."""
     runs = {row["key"] for row in result.rows}
     return {
         "runs": len(runs),

@@ -27,12 +27,12 @@ _ENOUGH = 4
 def figure(
     metric: str, value: float, unit: str, tolerance: float, direction: Literal["lower", "higher"] = "lower"
 ) -> Figure:
-    """One figure: which direction is better, and by how much of itself it may get worse."""
+    """Make one figure: which direction is better, and by how much of itself it may get worse."""
     return {"metric": metric, "value": round(value, 5), "unit": unit, "direction": direction, "tolerance": tolerance}
 
 
 def worse(figures: Sequence[Figure], baseline: Sequence[Figure]) -> list[str]:
-    """Sentences about figures beyond their tolerance."""
+    """List the figures beyond their tolerance, a sentence each."""
     before = {entry["metric"]: float(str(entry["value"])) for entry in baseline}
     found = []
     for one in figures:
@@ -46,8 +46,10 @@ def worse(figures: Sequence[Figure], baseline: Sequence[Figure]) -> list[str]:
 
 
 def figures_of(rows: Sequence[Row]) -> list[Figure]:
-    """Of what ours does in every experiment: medians over the seeds and, where chance of single runs cancels, their
-    mean over the captures; and how many runs failed."""
+    """Sum up how the tracker itself does in every experiment, and how many runs failed.
+
+    Errors are medians over the seeds and, since the chance of single runs cancels there, their mean over the captures.
+    """
     groups: dict[tuple[str, str, str], list[float]] = {}
     for row in rows:
         error = row.get("marker_error_cm")
@@ -97,13 +99,16 @@ def _as_chance_allows(one: Figure, earlier: Figure | None) -> Figure:
 
 
 def write_figures(figures: Sequence[Figure], path: Path, **about: Any) -> None:
-    """As a baseline for `complaints`."""
+    """Write the figures as a baseline for `complaints`; `about` says which runs they are of."""
     write_json(path, {**about, "figures": list(figures)})
 
 
 def complaints(figures: Sequence[Figure], path: Path, **about: Any) -> list[str]:
-    """What is worse than in a baseline file. `InputError` if it cannot be read, is one of other runs (`about`, as in
-    `write_figures`), or has no figure in common."""
+    """List what is worse than in a baseline file, a sentence each.
+
+    Raises `InputError` if it cannot be read, is one of other runs (`about`, as in `write_figures`), or has no figure in
+    common.
+    """
     try:
         whole = json.loads(path.read_text())
         baseline = whole["figures"]

@@ -28,7 +28,7 @@ FIGURE_1 = ("arms-like-torso", "uniform-arm", "background-like-arms")
 
 
 def without(term: str, quality: Literal["draft", "normal", "paper"]) -> Setting:
-    """A part of the method left out, everything else as it is."""
+    """Leave out a part of the method, everything else as it is."""
     if term == "no background":
         return term, dict(NO_BACKGROUND), {"behind": "none"}
     if term == "no search":
@@ -52,7 +52,7 @@ def comparison(
     base: Run,
     methods: Sequence[str] = tuple(METHODS),
 ) -> list[Trial]:
-    """Every method on every capture (Fig. 15)."""
+    """List the trials of every method on every capture (Fig. 15)."""
     return [
         Trial("comparison", "method", name, replace(base, capture=capture, method=name, seed=seed))
         for capture in captures
@@ -64,7 +64,7 @@ def comparison(
 def ablation(
     experiment: str, factor: str, settings: Sequence[Setting], captures: Sequence[CaptureSpec], seeds, base: Run
 ) -> list[Trial]:
-    """Ours with one factor changed at a time."""
+    """List trials of the tracker with one factor changed at a time."""
     return [
         Trial(
             experiment,
@@ -81,7 +81,7 @@ def ablation(
 def varied(
     experiment: str, factor: str, captures: Mapping[str, CaptureSpec], seeds, base: Run, inputs: Inputs | None = None
 ) -> list[Trial]:
-    """Ours on the same capture filmed in several ways."""
+    """List trials of the tracker on the same capture filmed in several ways."""
     base = base if inputs is None else replace(base, inputs=inputs)
     return [
         Trial(experiment, factor, value, replace(base, capture=capture, seed=seed))
@@ -93,7 +93,7 @@ def varied(
 def given(
     experiment: str, factor: str, inputs: Mapping[str, Inputs], captures: Sequence[CaptureSpec], seeds, base: Run
 ) -> list[Trial]:
-    """Ours with other inputs."""
+    """List trials of the tracker with other inputs."""
     return [
         Trial(experiment, factor, value, replace(base, capture=capture, seed=seed, inputs=one))
         for capture in captures
@@ -107,8 +107,11 @@ def paper(
     seeds: Sequence[int] | None = None,
     quality: Literal["draft", "normal", "paper"] | None = None,
 ) -> list[Trial]:
-    """All trials of section 5 on the suite. `quick` is one seed, small captures, of each ablation only on and off,
-    and the preset "draft" where no `quality` is named."""
+    """List all trials of section 5 on the suite.
+
+    `quick` is one seed, small captures, of each ablation only on and off, and the preset "draft" where no `quality` is
+    named.
+    """
     seeds = (0,) if quick and seeds is None else (0, 1, 2) if seeds is None else tuple(seeds)
     quality = ("draft" if quick else "normal") if quality is None else quality
     captures = {name: story(name, quick=quick) for name in STORIES}

@@ -43,7 +43,7 @@ class Prepared(NamedTuple):
 
 
 def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
-    """The record of a finished run, one row of the table, and its motion.
+    """Do one run: its record, which is one row of the table, and its motion.
 
     The synthetic captures of a suite are filmed into `captures` when they are first needed. Raises whatever the run
     raises.

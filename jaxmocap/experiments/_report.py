@@ -47,7 +47,7 @@ def write_report(
 
 
 def error_curves(curves: Mapping[str, tuple[Sequence[int], Sequence[float]]], most: float | None = None) -> str:
-    """An inline SVG: centimetres over frame numbers, a line per name. What is above `most` is cut off at the top."""
+    """Draw centimetres over frame numbers, a line per name, as an inline SVG; what is above `most` is cut off."""
     points = {name: np.asarray(values, float) for name, (_, values) in curves.items()}
     frames = np.concatenate([np.asarray(numbers) for numbers, _ in curves.values()])
     first, last = float(frames.min()), float(max(frames.max(), frames.min() + 1))

@@ -14,10 +14,14 @@ Start = Literal["registered", "truth"]
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a method is given, beyond the capture. `selected` are the frames of Gamma used (none: the capture's own, or
-    chosen as `track` does), `start` where their poses come from ("truth" for captures of a single camera, which cannot
-    be registered). Noise is what is added to the cameras (degrees and centimetres, one draw per camera and seed) and to
-    the mesh (millimetres along its normals)."""
+    """What a method is given, beyond the capture.
+
+    selected: the frames of Gamma used; none: the capture's own, or chosen as `track` does.
+    start: where their poses come from; "truth" for captures of a single camera, which cannot be registered.
+    camera_degrees: noise added to the cameras' rotations, one draw per camera and seed.
+    camera_centimetres: noise added to their places, in the same way.
+    mesh_millimetres: noise added to the mesh along its normals.
+    """
 
     selected: tuple[int, ...] = (0,)
     start: Start = "registered"
@@ -28,8 +32,17 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Run:
-    """`capture` is a suite's capture or the folder of a real one. `settings` change the tracker (`with_settings`),
-    `appearance` the appearance, by dotted names."""
+    """One method on one capture.
+
+    capture: a suite's capture, or the folder of a real one.
+    method: a name of `jaxmocap.baselines.METHODS`.
+    quality: the preset.
+    settings: changes of the tracker by dotted names, as `with_settings` takes them.
+    appearance: changes of the appearance's settings, in the same way.
+    inputs: what the method is given beyond the capture.
+    frames: (start, stop); None for all.
+    seed: of registration, appearance and tracking.
+    """
 
     capture: CaptureSpec | str
     method: str = "ours"
@@ -46,7 +59,7 @@ class Run:
         return self.capture.name if isinstance(self.capture, CaptureSpec) else Path(self.capture).resolve().name
 
     def described(self) -> dict[str, Any]:
-        """All that tells this run from others, as JSON knows it."""
+        """Describe all that tells this run from others, as JSON knows it."""
         capture = self.capture.key if isinstance(self.capture, CaptureSpec) else str(Path(self.capture).resolve())
         return {
             "capture": capture,

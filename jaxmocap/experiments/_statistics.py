@@ -34,7 +34,7 @@ class Difference(NamedTuple):
 
 
 def summary(values: Iterable[float | None]) -> Summary:
-    """NaN and None do not count."""
+    """Summarise errors by median and quartiles; NaN and None do not count."""
     known = np.array([value for value in values if value is not None and np.isfinite(value)], float)
     if not len(known):
         return Summary(0, float("nan"), float("nan"), float("nan"))
@@ -67,7 +67,7 @@ def paired_difference(
 
 
 def compare(ours: Sequence[dict[str, Any]], theirs: Sequence[dict[str, Any]], metric: str) -> Difference:
-    """`paired_difference` of two sets of rows, paired by capture and seed."""
+    """Take the `paired_difference` of two sets of rows, paired by capture and seed."""
     values = [
         {(row["capture"], row["seed"]): row.get(metric) for row in rows if row["status"] == "done"}
         for rows in (ours, theirs)

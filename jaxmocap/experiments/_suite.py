@@ -42,12 +42,12 @@ class CaptureSpec:
         return f"{self.name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
     def varied(self, **changes: Any) -> "CaptureSpec":
-        """The same capture filmed otherwise."""
+        """Film the same capture otherwise."""
         return replace(self, arguments={**self.arguments, **changes})
 
 
 def story(name: str, *, quick: bool = False) -> CaptureSpec:
-    """One of `STORIES`: 6 frames of 320 x 180 pixels if `quick`, else 30 frames of 480 x 270, both 15 per second.
+    """Make one of `STORIES`: 6 frames of 320 x 180 pixels if `quick`, else 30 frames of 480 x 270, both 15 per second.
 
     Keypoints and masks are given at five frames, of which experiments select some.
     """
@@ -63,8 +63,10 @@ def story(name: str, *, quick: bool = False) -> CaptureSpec:
 
 
 def film(spec: CaptureSpec, folder: Path) -> Path:
-    """The capture on disk, filmed once and kept in `folder`. Beside the usual files it has `keypoints_all`, points of
-    every frame with a detector's noise."""
+    """Film a capture into `folder`, once; the folder it is in.
+
+    Beside the usual files it has `keypoints_all`, points of every frame with a detector's noise.
+    """
     path = folder / spec.key
     if (path / "capture.toml").is_file():
         return path

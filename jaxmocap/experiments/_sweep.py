@@ -30,7 +30,7 @@ def sweep(
     retry_failed: bool = False,
     progress: Report | None = None,
 ) -> list[dict[str, Any]]:
-    """The records of all runs, in order; equal runs are done once.
+    """Do all runs, equal ones once; their records in order.
 
     A finished run is `out/runs/<key>.json`, written atomically with its motion in `out/motions`, and is never done
     again: a sweep that was killed goes on where it stopped. A run that fails is recorded with its error and does not
@@ -70,7 +70,7 @@ def _refuse_other_code(out: Path) -> None:
 
 
 def read_record(out: Path, key: str) -> dict[str, Any] | None:
-    """The record of a run that is finished or has failed."""
+    """Read the record of a run that is finished or has failed; None where there is none."""
     path = out / RUNS / f"{key}.json"
     return json.loads(path.read_text()) if path.is_file() else None
 

@@ -32,7 +32,7 @@ class Table(NamedTuple):
 
 
 def rows_of(trials: Sequence[Trial], records: Sequence[dict[str, Any]]) -> list[Row]:
-    """A row per trial: its experiment, factor and value, and the record of its run."""
+    """Make a row per trial: its experiment, factor and value, and the record of its run."""
     known = {record["key"]: record for record in records}
     return [
         {"experiment": t.experiment, "factor": t.factor, "value": t.value, **known[t.run.key]}
@@ -56,7 +56,7 @@ def write_table(rows: Sequence[Row], path: Path) -> Path:
 
 
 def write_frames(rows: Sequence[Row], path: Path) -> Path:
-    """The error of every frame, a row each: run, frame, centimetres."""
+    """Write the error of every frame, a row each: run, frame, centimetres."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("key", "capture", "method", "seed", "frame", "marker_error_cm"))
@@ -69,7 +69,7 @@ def write_frames(rows: Sequence[Row], path: Path) -> Path:
 
 
 def tables_of(rows: Sequence[Row]) -> list[Table]:
-    """The comparison first, then a table per experiment, in the order of the rows."""
+    """Make the comparison's tables first, then a table per experiment, in the order of the rows."""
     names = list(dict.fromkeys(row["experiment"] for row in rows))
     tables = []
     for name in names:

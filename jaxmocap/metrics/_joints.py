@@ -31,12 +31,16 @@ Joints = Literal["comparable", "all"] | Sequence[str]
 class JointErrors:
     """Distances per frame and joint in metres, NaN where the truth has none.
 
-    `raw` compares world positions. `root_aligned` first moves pelvis (else the middle of the hips) onto pelvis; None
-    where neither is known. `procrustes` first applies the best similarity of each frame (PA-MPJPE). `offset_corrected`
-    removes from each joint its mean residual in the frame of the body it belongs to: two definitions of a joint that
-    differ by a fixed vector on the bone then agree. `acceleration` is |a - a*| in m/s^2 at inner frames.
-    `deviations` are the raw errors in standard deviations of the motion's covariance (Mahalanobis), None without one.
-    `left_out` has the mean raw error of every joint that both sides know and that is not among `names`.
+    names: the joints compared, the columns of the others.
+    raw: between world positions.
+    root_aligned: after the pelvis (else the middle of the hips) is moved onto the true one; None where neither is
+        known.
+    procrustes: after the best similarity of each frame (PA-MPJPE).
+    offset_corrected: without each joint's mean residual in the frame of the body it belongs to: two definitions of a
+        joint that differ by a fixed vector on the bone then agree.
+    acceleration: |a - a*| at inner frames, m/s^2.
+    deviations: raw, in standard deviations of the motion's covariance (Mahalanobis); None without one.
+    left_out: mean raw error of every joint that both sides know and that is not among `names`.
     """
 
     names: tuple[str, ...]
@@ -49,16 +53,18 @@ class JointErrors:
     left_out: dict[str, float]
 
     def by_name(self) -> dict[str, float]:
-        """The mean raw error of every joint in `names`, metres."""
+        """Average the raw error of every joint in `names` over the frames, metres."""
         return _by_name(self.names, self.raw)
 
     def correct_keypoints(self, radius: float = 0.15) -> float:
-        """PCK: the share of raw distances below `radius` metres."""
+        """Give the PCK, the share of raw distances below `radius` metres."""
         return float(np.mean(self.raw[np.isfinite(self.raw)] < radius))
 
     def coverage(self, share: float) -> float:
-        """How often the truth lies in the region that should hold this share of it, an ellipsoid about the place found;
-        NaN without a covariance."""
+        """Measure how often the truth lies in the region that should hold this share of it.
+
+        The region is an ellipsoid about the place found. NaN without a covariance.
+        """
         if self.deviations is None:
             return float("nan")
         known = self.deviations[np.isfinite(self.deviations)]
@@ -119,7 +125,7 @@ def joint_errors(
 
 
 def joint_statistics(distances: Float[np.ndarray, "frame joint"]) -> dict[str, float]:
-    """Mean, 95th percentile and maximum over single points, centimetres."""
+    """Summarise single points by mean, 95th percentile and maximum, centimetres."""
     points = distances[np.isfinite(distances)] * 100
     return {"mean": float(points.mean()), "p95": float(np.percentile(points, 95)), "max": float(points.max())}
 

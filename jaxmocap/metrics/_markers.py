@@ -18,9 +18,13 @@ from ._truth import sample
 class MarkerError:
     """Distances in metres, NaN where a marker is not seen or was not seen in the first frame.
 
-    `distances` is the paper's: the marker against its fixed surface point. `offset_corrected` lets the marker stand off
-    the surface by a constant vector in its triangle's frame, the mean over frames. `realigned` moves all markers
-    rigidly, once for the sequence, onto the surface points first; it is not comparable with the paper.
+    faces: the triangle that each marker is attached to; -1 for a marker not seen in the first frame.
+    barycentric: where on that triangle.
+    distances: the paper's, the marker against its fixed surface point.
+    offset_corrected: as if the marker stood off the surface by a constant vector in its triangle's frame, the mean over
+        the frames.
+    realigned: after all markers are moved rigidly, once for the sequence, onto the surface points; not comparable with
+        the paper.
     """
 
     faces: Int[np.ndarray, " marker"]
@@ -43,7 +47,7 @@ def marker_error(
     *,
     truth_from_world: Similarity = IDENTITY,
 ) -> MarkerError:
-    """Markers against the tracked surface: nearest surface point at the motion's first frame, fixed from there on.
+    """Measure markers against the tracked surface: each against the point nearest to it in the motion's first frame.
 
     `markers` are world positions in metres, NaN where not seen: one row per frame of the motion, or one per entry of
     `marker_times` (seconds, on the clock of `motion.timestamps`), between which they are interpolated linearly.
@@ -95,7 +99,7 @@ def marker_statistics(distances: Float[np.ndarray, "frame marker"]) -> dict[str,
 
 
 def frame_means(distances: Float[np.ndarray, "frame point"]) -> Float[np.ndarray, " frame"]:
-    """The mean over finite points of each frame, NaN where a frame has none."""
+    """Average the finite points of each frame; NaN where a frame has none."""
     finite = np.isfinite(distances)
     count = finite.sum(1)
     total = np.where(finite, distances, 0.0).sum(1)

@@ -19,7 +19,7 @@ class FootSkate:
     speed: Float[np.ndarray, "interval foot"]
 
     def summary(self) -> dict[str, float]:
-        """Mean and 95th percentile over the intervals in which a foot stands, m/s; empty if none does."""
+        """Summarise the intervals in which a foot stands, mean and 95th percentile in m/s; empty if none does."""
         known = self.speed[np.isfinite(self.speed)]
         return {"mean": float(known.mean()), "p95": float(np.percentile(known, 95))} if known.size else {}
 

@@ -9,7 +9,7 @@ _POINTS_AT_ONCE = 16
 def nearest_on_surface(
     points: Float[np.ndarray, "marker 3"], vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
 ) -> tuple[Int[np.ndarray, " marker"], Float[np.ndarray, "marker 3"]]:
-    """The nearest surface point of each point, exactly: its face and its barycentric coordinates.
+    """Find the nearest surface point of each point, exactly: its face and its barycentric coordinates.
 
     Every triangle is tried; the point on it is chosen among the six edges and corners and the inside as in Ericson,
     "Real-Time Collision Detection", 5.1.5. Degenerate triangles count as their edges.
@@ -49,12 +49,12 @@ def _nearest(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.nd
 def surface_points(
     corners: Float[np.ndarray, "*frame marker 3 3"], barycentric: Float[np.ndarray, "marker 3"]
 ) -> Float[np.ndarray, "*frame marker 3"]:
-    """Points at fixed barycentric coordinates of moving triangles; `corners` holds each triangle's three corners."""
+    """Place points at fixed barycentric coordinates of moving triangles, which `corners` holds."""
     return np.einsum("...mkd,mk->...md", corners, barycentric)
 
 
 def triangle_frames(corners: Float[np.ndarray, "*frame marker 3 3"]) -> Float[np.ndarray, "*frame marker 3 3"]:
-    """A rotation per triangle, world_from_triangle: first edge, in-plane normal to it, face normal, as columns."""
+    """Build world_from_triangle, a rotation whose columns are first edge, in-plane normal and face normal."""
     first = _unit(corners[..., 1, :] - corners[..., 0, :])
     normal = _unit(np.cross(first, corners[..., 2, :] - corners[..., 0, :]))
     return np.stack([first, np.cross(normal, first), normal], axis=-1)

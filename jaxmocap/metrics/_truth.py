@@ -15,10 +15,15 @@ _SAME_INSTANT = 0.02  # of a sample interval: nearer than this, a sample is take
 
 @dataclass(frozen=True)
 class Truth:
-    """Markers and joints of a capture in metres on one time axis, NaN where not seen.
+    """Markers and joints of a capture on one time axis, NaN where not seen.
 
-    `times` are seconds since the first camera's first frame; None means one sample per frame of its video.
-    `has_our_joints` says that the joints are those of our skeleton, not of another rig or a detector.
+    path: the file they were read from.
+    times: seconds since the first camera's first frame; None means one sample per frame of its video.
+    markers: points on the skin, metres.
+    joints: metres, columns called `joint_names`.
+    joint_names: their names.
+    cam_from_world: the true pose of every camera at every sample, metres.
+    has_our_joints: whether the joints are those of our skeleton, not of another rig or a detector.
     """
 
     path: Path
@@ -72,7 +77,7 @@ class Truth:
         return cls(path, times, markers, joints, names, cameras, definitions is not None)
 
     def at(self, motion: Motion) -> tuple["Truth", Motion]:
-        """Both at the instants they share: the truth interpolated to the motion's frames, other frames dropped.
+        """Bring both to the instants they share: the truth interpolated to the motion's frames, other frames dropped.
 
         Raises `InputError` if they share none.
         """
@@ -101,8 +106,10 @@ class Truth:
 def sample(
     times: Float[np.ndarray, " sample"], values: Float[np.ndarray, "sample *shape"], wanted: Float[np.ndarray, " frame"]
 ) -> Float[np.ndarray, "frame *shape"]:
-    """Linear interpolation along the first axis; NaN stays NaN. A sample within 2 % of an interval is taken as it is,
-    and instants outside take the nearest sample."""
+    """Interpolate linearly along the first axis; NaN stays NaN.
+
+    A sample within 2 % of an interval is taken as it is, and instants outside take the nearest sample.
+    """
     if len(times) == 1:
         return np.repeat(values, len(wanted), axis=0)
     position = np.interp(wanted, times, np.arange(len(times)))

@@ -27,7 +27,13 @@ _BONES = _SPINE + _LEFT + tuple((a.replace("l_", "r_"), b.replace("l_", "r_")) f
 
 @dataclass(frozen=True)
 class OverlayStyle:
-    """How much of what is drawn. `opacity` of the mesh in [0, 1]; line widths in pixels, 0 to leave out."""
+    """How much of what is drawn.
+
+    opacity: of the mesh, 0 to 1.
+    contour: width of the silhouette's outline, pixels; 0 leaves it out.
+    bones: width of the skeleton's lines, pixels; 0 leaves it out.
+    verdict: whether border and words tell the status and the label is written.
+    """
 
     opacity: float = 0.55
     contour: int = 1
@@ -50,7 +56,7 @@ def draw_overlay(
     label: str = "",
     style: OverlayStyle = OverlayStyle(),
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """A copy of an RGB image with the posed mesh and skeleton drawn over it.
+    """Draw the posed mesh and skeleton over a copy of an RGB image.
 
     `ids` are the face numbers seen per pixel (-1 where none), as `jaxmocap.render.face_ids` gives them; without, they
     are painted here. Mesh colour and frame border tell the `status`: blue "ok", orange "doubtful", red "lost", the last
@@ -71,7 +77,7 @@ def draw_overlay(
 def draw_mask(
     image: UInt8[np.ndarray, "height width 3"], mask: Bool[np.ndarray, "height width"]
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """A copy of an RGB image, half dark outside the mask, with its outline."""
+    """Draw a mask over a copy of an RGB image: half dark outside, with its outline."""
     drawn = np.where(mask[..., None], image, image // 2)
     outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(drawn, outlines, -1, _MASK_OUTLINE, 1)
@@ -86,14 +92,14 @@ def jpeg_bytes(image: UInt8[np.ndarray, "height width 3"], quality: int = 85) ->
 
 
 def bone_indices(names: Sequence[str]) -> Int[np.ndarray, "bone 2"]:
-    """Which joints the drawn bones join, of those that have a name."""
+    """List the pairs of joints that the drawn bones join, of those that have a name."""
     return np.array([[names.index(a), names.index(b)] for a, b in _BONES if a in names and b in names])
 
 
 def contact_sheet(
     images: Sequence[UInt8[np.ndarray, "height width 3"]], columns: int, *, gap: int = 4
 ) -> UInt8[np.ndarray, "sheet_height sheet_width 3"]:
-    """Images row by row on white, `columns` to a row. The cell is the largest image; smaller ones sit top left."""
+    """Lay images out on white, `columns` to a row. The cell is the largest image; smaller ones sit top left."""
     if not images or columns < 1:
         raise ValueError("a contact sheet needs at least one image and one column")
     columns = min(columns, len(images))
@@ -111,7 +117,7 @@ def to_pixels(
     intrinsics: Float[np.ndarray, "3 3"],
     cam_from_world: Float[np.ndarray, "4 4"],
 ) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
-    """Pinhole projection in NumPy: pixels (centre of the first at 0.5) and depth, metres. Behind the camera: NaN."""
+    """Project in NumPy: pixels (centre of the first at 0.5, NaN behind the camera) and depth, metres."""
     in_camera = np.asarray(points, np.float64) @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
     depth = in_camera[:, 2]
     safe = np.where(depth > _NEAR, depth, np.nan)
@@ -125,7 +131,7 @@ def paint_face_ids(
     cam_from_world: Float[np.ndarray, "4 4"],
     size: tuple[int, int],
 ) -> Int[np.ndarray, "height width"]:
-    """Face numbers (-1 where empty) of an image of `size` (width, height), faces painted from far to near.
+    """Paint faces from far to near: face numbers (-1 where empty) of an image of `size` (width, height).
 
     Faces that reach behind the camera are left out. Where faces of a surface interleave in depth the order of their
     centres decides; use `jaxmocap.render.face_ids` for exact visibility.
@@ -149,7 +155,7 @@ def paint_face_ids(
 def face_colours(
     vertices: np.ndarray, faces: np.ndarray, cam_from_world: np.ndarray, colour: tuple[int, int, int]
 ) -> UInt8[np.ndarray, "face 3"]:
-    """Lambert's cosine law per face, the same from both sides."""
+    """Shade every face by Lambert's cosine law, the same from both sides."""
     in_camera = np.asarray(vertices, np.float64) @ cam_from_world[:3, :3].T
     a, b, c = (in_camera[faces[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)

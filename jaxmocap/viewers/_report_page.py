@@ -51,7 +51,7 @@ def report_page(
 
 
 def page_html(motion: Motion, report: dict, pictures: ReportPictures, missing: str = "") -> str:
-    """The page as text. Whatever comes from files goes in escaped, or as JSON that the script shows as text."""
+    """Fill the page in. Whatever comes from files goes in escaped, or as JSON that the script shows as text."""
     record = report_record(motion, report)
     record |= {"views": list(pictures.names), "positions": pictures.positions, "pictures": pictures.pictures}
     script = "\n".join(_asset(name) for name in _SCRIPTS)

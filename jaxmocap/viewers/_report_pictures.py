@@ -34,8 +34,9 @@ class ReportPictures:
 
 
 def report_pictures(folder: Path, motion: Motion, capture: Capture | None, budget: int = _BUDGET) -> ReportPictures:
-    """Overlays from the videos in a result folder; where one is missing, drawn anew over the capture's images. The
-    largest size is taken with which they fit into `budget` bytes; if none does, some frames are left out.
+    """Take overlays from the videos in a result folder; where one is missing, draw them over the capture's images.
+
+    The largest size is taken with which they fit into `budget` bytes; if none does, some frames are left out.
 
     Raises `InputError` where neither videos nor capture can be used.
     """

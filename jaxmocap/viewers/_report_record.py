@@ -21,12 +21,12 @@ _WHY = {
     "lost": "nothing found there explains the pixels, or it moves too fast",
     "doubtful": "the covered pixels do not look like the person, part of the person stays uncovered, or the body moves "
     "implausibly fast",
-    PASSED_OVER: "a flash lights them, so they were not looked at; the pose lies between its neighbours",
+    PASSED_OVER: "a flash lights the picture, so it was not looked at; the pose lies between its neighbours",
 }
 
 
 def frame_verdicts(motion: Motion) -> list[str]:
-    """Per frame "ok", "doubtful", "lost" or "passed over": doubtful, no energy, and no confidence in any joint."""
+    """Judge each frame "ok", "doubtful", "lost" or "passed over", which is doubtful without energy and confidence."""
     known = [np.isfinite(values) for values in motion.energy.values()]
     unseen = ~np.any(known, axis=0) & (motion.confidence == 0).all(axis=1) if known else np.zeros(len(motion), bool)
     passed = unseen & (motion.status == "doubtful")
@@ -34,7 +34,7 @@ def frame_verdicts(motion: Motion) -> list[str]:
 
 
 def headline(motion: Motion) -> str:
-    """The verdict in one sentence: how many frames may be trusted."""
+    """Say the verdict in one sentence: how many frames may be trusted."""
     if not motion.energy and "lost" not in motion.provenance:
         return "This motion was not tracked in images: nothing here says how far it may be trusted."
     frames, limbs = motion.frames, np.zeros(len(motion), bool)
@@ -51,7 +51,7 @@ def headline(motion: Motion) -> str:
 
 
 def findings(motion: Motion) -> list[dict[str, Any]]:
-    """What is to be known before the result is used, the worst first: {kind, text, frames}, frames to look at."""
+    """List what to know before the result is used, the worst first: {kind, text, frames}, frames to look at."""
     verdicts, spans = np.array(frame_verdicts(motion)), motion.provenance.get("lost") or []
     found = []
     reasons = sorted({span["why"] for span in spans if span["part"] == "body"})
@@ -79,7 +79,7 @@ def findings(motion: Motion) -> list[dict[str, Any]]:
 
 
 def report_record(motion: Motion, report: Mapping[str, Any]) -> dict[str, Any]:
-    """Everything the page plots and lists; `report` is what `report.json` holds."""
+    """Collect everything the page plots and lists; `report` is what `report.json` holds."""
     inner = np.linalg.norm(accelerations(motion.joints.astype(np.float64), motion.timestamps), axis=-1).mean(axis=1)
     skate = foot_skate(motion)
     joints = [motion.joint_names.index(name) for name in JOINTS]
@@ -110,7 +110,7 @@ def report_record(motion: Motion, report: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_report(path: Path) -> dict[str, Any]:
-    """`report.json`, or nothing where there is none that can be read: the page stands on `motion.npz`."""
+    """Read `report.json`; an empty record where there is none that can be read: the page stands on `motion.npz`."""
     try:
         report = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -22,9 +22,16 @@ _IMAGE_SIDE = 640  # pixels of the longer side; enough to look at, quick to send
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A motion, and what there is beside it: the `capture`'s images at `positions`, `truth` points in the motion's
-    world (NaN where unknown), and the `other` motion with its position for each frame (-1 where it has none).
-    `missing` says in sentences what could not be had."""
+    """A motion, and what there is to show beside it.
+
+    motion: the result.
+    capture: whose images are shown; None without.
+    positions: where the motion's frames are in the capture.
+    truth: points in the motion's world, metres, NaN where unknown; None without.
+    other: a second result of the same frames; None without.
+    other_positions: where that result shows each frame; -1 where it does not.
+    missing: sentences about what could not be had.
+    """
 
     motion: Motion
     capture: Capture | None
@@ -39,7 +46,7 @@ class Shown:
         return () if self.motion.cameras is None else self.motion.cameras.names
 
     def image(self, view: int, index: int) -> UInt8[np.ndarray, "height width 3"] | None:
-        """One view's image at a position of the motion, RGB, made smaller; None without a capture."""
+        """Read one view's image at a position of the motion, RGB, made smaller; None without a capture."""
         if self.capture is None:
             return None
         image = self.capture.image(view, self.positions[index])
@@ -47,11 +54,11 @@ class Shown:
         return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
 
     def bones(self, motion: Motion, index: int) -> Float[np.ndarray, "bone 2 3"]:
-        """Both ends of the skeleton's bones."""
+        """Find both ends of the skeleton's bones, metres."""
         return motion.joints[index][bone_indices(motion.joint_names)]
 
     def other_at(self, index: int) -> int | None:
-        """Where the second motion shows the same frame."""
+        """Find where the second motion shows the same frame; None where it does not."""
         found = int(self.other_positions[index])
         return None if self.other is None or found < 0 else found
 
@@ -62,8 +69,11 @@ def gather(
     truth: str | os.PathLike[str] | None = None,
     capture: Capture | str | os.PathLike[str] | None = None,
 ) -> Shown:
-    """All there is to show of a result. The capture and its truth are those that the result was tracked in, unless
-    others are given; where those are gone it is shown without. Raises `InputError` for what is given and unusable."""
+    """Gather all there is to show of a result.
+
+    The capture and its truth are those that the result was tracked in, unless others are given; where those are gone it
+    is shown without. Raises `InputError` for what is given and unusable.
+    """
     motion = result if isinstance(result, Motion) else Motion.load(result)
     missing: list[str] = []
     opened, positions = _capture_of(motion, capture, missing)

@@ -44,7 +44,7 @@ def overlay_video(
 def overlay_videos(
     capture: Capture, cameras: Cameras, motion: Motion, folder: str | os.PathLike[str]
 ) -> tuple[Path, ...]:
-    """One overlay video per view, `overlay_<camera>.mp4` in `folder`."""
+    """Write one overlay video per view, `overlay_<camera>.mp4` in `folder`."""
     return tuple(
         overlay_video(capture, cameras, motion.character, motion, index, Path(folder) / f"overlay_{name}.mp4")
         for index, name in enumerate(cameras.names)
@@ -82,8 +82,11 @@ def overlay_frames(
 
 
 def positions_in_capture(capture: Capture, motion: Motion) -> list[int]:
-    """Where the motion's frames are in the capture: a result counts as the first camera's video does, a capture counts
-    the frames all cameras share. `InputError` for a frame the capture does not have."""
+    """Find where the motion's frames are in the capture.
+
+    A result counts as the first camera's video does, a capture counts the frames all cameras share. Raises `InputError`
+    for a frame the capture does not have.
+    """
     positions = {int(frame): position for position, frame in enumerate(capture.video_frames[0])}
     missing = [frame for frame in motion.frames.tolist() if frame not in positions]
     if missing:
@@ -141,7 +144,7 @@ class VideoWriter:
 
 @contextlib.contextmanager
 def open_video(path: str | os.PathLike[str], *, quality: int = 23) -> Iterator[VideoWriter]:
-    """A writer for the MP4 file `path`, which appears when the block ends well and not at all when it raises.
+    """Open a writer for the MP4 file `path`, which appears when the block ends well and not at all when it raises.
 
     `quality` is x264's constant rate factor: less is better and larger.
     """
