@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,27 +16,27 @@ from jaxmocap._runtime import cores
 from jaxmocap.camera import Cameras, look_at_point, read_cameras
 from jaxmocap.capture import Capture
 
-from ._child import run_worker
-from ._gaps import refuse_gaps
-from ._gravity import find_gravity
-from ._job import as_recorded, footage_of, keypoints_of
-from ._measure import find_scale, known_bone_lengths, refuse_without_scale, subject_views
-from ._picture import draw_paths, png_bytes
-from ._record import Solved, make_record, pose_table
-from ._subject import triangulate_views
-from ._world import world_from_model
-
-Progress = Callable[[str, int, int], None]
+from ._child import Solved, run_worker
+from ._footage import Report, as_recorded, footage_of, keypoints_of
+from ._report import draw_paths, make_record, png_bytes, pose_table
+from ._scale import find_scale, known_bone_lengths, refuse_without_scale, subject_views, triangulate_views
+from ._world import find_gravity, world_from_model
 
 _MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin", "rigs.bin", "frames.bin")
+_LONGEST = 1.0  # seconds: a hand moves too much for longer ones to be filled in
+_LARGEST_SHARE = 0.2  # of the shared frames that may be filled in
 
 
 @dataclass(frozen=True)
 class Calibration:
     """Calibrated cameras over a capture's shared frames, in metres, and how they were found.
 
-    `record` is what `calibration.json` holds, `poses` what `uncertainty.json` holds, `picture` the paths (RGB),
-    `files` the COLMAP model in the capture's units and axes by file name; `folder` is where they lie, once written.
+    cameras: over the shared frames, metres
+    record: what `calibration.json` holds
+    poses: what `uncertainty.json` holds
+    picture: of the cameras' paths, RGB
+    files: the COLMAP model in the capture's units and axes, by file name
+    folder: where they lie, once written; None before
     """
 
     cameras: Cameras
@@ -66,9 +66,9 @@ def calibrate(
     focal: Mapping[str, float] | None = None,
     key_step: int = 5,
     seed: int = 0,
-    progress: Progress = lambda stage, done, total: None,
+    progress: Report = lambda stage, done, total: None,
 ) -> Calibration:
-    """Poses of all frames, focal lengths and radial distortion of all cameras of a capture, from its videos.
+    """Find poses at all frames, focal lengths and radial distortion of all cameras of a capture, from its videos.
 
     Scale: `camera_distance`, metres between the first two cameras at the first shared frame; else the person's bones,
     from keypoints in two views, against the capture's actor, or against a person of `height` metres. Up: the direction
@@ -88,7 +88,7 @@ def calibrate(
         work = Path(temporary)
         (work / "job.json").write_text(footage.to_json(), encoding="utf-8")
         run_worker("reconstruct", work, progress)
-        solved = Solved.read(work / "result.npz", recorded, footage)
+        solved = Solved.read(work / "result.npz", recorded)
         interpolated = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
         refuse_gaps(recorded, interpolated)
         views = subject_views(recorded, solved, keypoints)
@@ -122,9 +122,8 @@ def calibrate(
             recorded.metres_per_unit,
         )
     record = make_record(recorded, solved, scale, gravity, world, joints, time.perf_counter() - began)
-    person = world.points(joints)
     picture = draw_paths(
-        recorded, world.poses(solved.shared_poses()), world.points(solved.points), person, interpolated
+        recorded, world.cameras(solved.shared_poses()), world(solved.points), world(joints), interpolated
     )
     return Calibration(cameras, record, pose_table(recorded, solved, world), picture, files)
 
@@ -136,3 +135,26 @@ def _refuse_numbers(height: float | None, distance: float | None, up: tuple[floa
         raise InputError(f"--camera-distance is {distance:g}; metres between the first two cameras were expected")
     if up is not None and not (np.isfinite(up).all() and np.linalg.norm(up) > 0):
         raise InputError(f"--up is {up}; three numbers, not all zero, were expected: x right, y down, z forward")
+
+
+def refuse_gaps(capture: Capture, interpolated: set[tuple[int, int]]) -> None:
+    """Raise `InputError` where a camera could not be placed for a second on end, or in more than a fifth of the frames.
+
+    Short spans are filled in; long ones are a cut, or nothing to go by. `interpolated` are (camera, frame of its own
+    video); shared frames count.
+    """
+    for camera, name in enumerate(capture.camera_names):
+        own = capture.video_frames[camera]
+        filled = np.array([(camera, int(frame)) in interpolated for frame in own])
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], filled.astype(int), [0]])))
+        runs = [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
+        if not runs:
+            continue
+        start, stop = max(runs, key=lambda run: run[1] - run[0])
+        if stop - start < _LONGEST * capture.fps and filled.mean() <= _LARGEST_SHARE:
+            continue
+        raise InputError(
+            f"camera '{name}' cannot be placed in {int(filled.sum())} of {len(own)} shared frames, at most at frames "
+            f"{own[start]} to {own[stop - 1]} on end: they show another place (a cut?), or too little background; cut "
+            "that part off both videos, or film it again."
+        )

@@ -1,23 +1,29 @@
-"""Running the worker, so that a crash of native code ends a child process and not the program."""
+"""Running the worker, so that a crash of native code ends a child process and not the program; and what it found."""
 
 import json
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-from jaxmocap._results import InputError
+import numpy as np
+from jaxtyping import Float, Int
 
-Report = Callable[[str, int, int], None]
+from jaxmocap._results import InputError
+from jaxmocap.capture import Capture
+
+from ._footage import Report
 
 
 def run_worker(task: str, folder: Path, report: Report) -> None:
-    """Run `_worker` on a task and pass its progress on. Raises `InputError` with its sentence for unusable footage and
-    for a crash of the native code, `RuntimeError` with its traceback for a bug.
+    """Run `_worker` on a task in a fresh interpreter and pass its progress on.
 
-    A fresh interpreter and no fork or `multiprocessing`: the caller's script need not guard its main part.
+    No fork and no `multiprocessing`, so that the caller's script need not guard its main part. Raises `InputError` with
+    the worker's sentence for unusable footage and for a crash of the native code, `RuntimeError` with the worker's
+    traceback for a bug.
     """
     package = str(Path(__file__).parents[2])
     path = os.pathsep.join([package, *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -53,7 +59,7 @@ def run_worker(task: str, folder: Path, report: Report) -> None:
 
 
 def _message(line: str) -> dict:
-    """A line of the worker as JSON; other output is ignored."""
+    """Read a line of the worker as JSON; other output is ignored."""
     try:
         message = json.loads(line)
     except ValueError:
@@ -62,8 +68,70 @@ def _message(line: str) -> dict:
 
 
 def _ending(code: int) -> str:
-    """How a process ended, in words."""
+    """Say how a process ended."""
     if code < 0:
         name = signal.Signals(-code).name if -code in {s.value for s in signal.Signals} else f"signal {-code}"
         return f"a crash ({name})"
     return f"exit code {code}"
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The worker's result in the model's units and axes.
+
+    sizes: of the cameras' pictures, pixels
+    video_frames: the frame of its own video by camera and shared frame
+    places: camera and frame of its own video; other arrays by place are in this order
+    poses: cam_from_world by place
+    lens: focal length, principal point (x, y) and k1 of each camera, pixels
+    points: of the background
+    distance: to the scene
+    tables: the other arrays of `result.npz`, by name
+    """
+
+    sizes: tuple[tuple[int, int], ...]
+    video_frames: Int[np.ndarray, "camera frame"]
+    places: Int[np.ndarray, "place 2"]
+    poses: Float[np.ndarray, "place 4 4"]
+    lens: Float[np.ndarray, "camera 4"]
+    points: Float[np.ndarray, "point 3"]
+    distance: float
+    tables: Mapping[str, np.ndarray]
+
+    @staticmethod
+    def read(file: Path, capture: Capture) -> "Solved":
+        """Read `result.npz` of a capture as recorded."""
+        with np.load(file, allow_pickle=False) as arrays:
+            tables = dict(arrays)
+        return Solved(
+            sizes=capture.sizes,
+            video_frames=capture.video_frames,
+            places=tables.pop("places"),
+            poses=tables.pop("cam_from_world"),
+            lens=tables.pop("lens"),
+            points=tables.pop("points"),
+            distance=float(tables.pop("distance")),
+            tables=tables,
+        )
+
+    @property
+    def intrinsics(self) -> Float[np.ndarray, "camera 3 3"]:
+        return np.array([[[f, 0, cx], [0, f, cy], [0, 0, 1]] for f, cx, cy, _ in self.lens])
+
+    @property
+    def distortion(self) -> Float[np.ndarray, "camera 5"]:
+        result = np.zeros((len(self.lens), 5))
+        result[:, 0] = self.lens[:, 3]
+        return result
+
+    def index(self, camera: int, frame: int) -> int:
+        """Find the row of a camera's pose at a shared frame (position)."""
+        own = self.video_frames[camera, frame]
+        return int(np.flatnonzero((self.places[:, 0] == camera) & (self.places[:, 1] == own))[0])
+
+    def pose(self, camera: int, frame: int) -> Float[np.ndarray, "4 4"]:
+        return self.poses[self.index(camera, frame)]
+
+    def shared_poses(self) -> Float[np.ndarray, "camera frame 4 4"]:
+        cameras, frames = self.video_frames.shape
+        return np.stack([[self.pose(camera, frame) for frame in range(frames)] for camera in range(cameras)])

@@ -20,16 +20,21 @@ _BOX_GROWTH = 0.02  # of the box's size per frame between
 
 
 class Features(NamedTuple):
-    """Places in pixels, the centre of the first at (0.5, 0.5), and square-rooted SIFT descriptors times 512
-    (Arandjelovic and Zisserman, CVPR 2012)."""
+    """Features of one frame.
+
+    points: in pixels, the centre of the first pixel at (0.5, 0.5)
+    descriptors: square roots of SIFT's, times 512 (Arandjelovic and Zisserman, CVPR 2012)
+    """
 
     points: Float32[np.ndarray, "feature 2"]
     descriptors: UInt8[np.ndarray, "feature 128"]
 
 
 def person_mask(video: VideoFootage, frame: int) -> Bool[np.ndarray, "height width"]:
-    """Where the person may be, with a margin: a mask of this very frame, else a box of the nearest frame that has one
-    within five. False everywhere if neither is known: then only robust estimation keeps the person out."""
+    """Mark where the person may be, with a margin: a mask of this very frame, else the nearest box within five frames.
+
+    False everywhere if neither is known: then only robust estimation keeps the person out.
+    """
     width, height = video.size
     if frame in video.masks:
         margin = 2 * round(_MASK_MARGIN * max(width, height) / 960) + 1
@@ -49,7 +54,7 @@ def person_mask(video: VideoFootage, frame: int) -> Bool[np.ndarray, "height wid
 def detect(
     image: UInt8[np.ndarray, "height width 3"], person: Bool[np.ndarray, "height width"], count: int
 ) -> Features:
-    """At most `count` features of the strongest contrast that lie outside the person."""
+    """Find at most `count` features, those of the strongest contrast, outside the person."""
     detector = cv2.SIFT_create(  # pyright: ignore[reportAttributeAccessIssue]
         nfeatures=count, contrastThreshold=_CONTRAST, enable_precise_upscale=True
     )
@@ -76,7 +81,7 @@ def read_features(video: VideoFootage, frames: Iterable[int], count: int) -> Ite
 
 
 def match(a: Features, b: Features) -> UInt32[np.ndarray, "match 2"]:
-    """Pairs that choose each other and pass Lowe's ratio test in both directions."""
+    """Match features that choose each other and pass Lowe's ratio test in both directions: rows of `a` and of `b`."""
     if min(len(a.points), len(b.points)) < 2:
         return np.zeros((0, 2), np.uint32)
     cosines = _unit(a) @ _unit(b).T

@@ -1,17 +1,48 @@
-"""What is calibrated: videos, the frames of each, and where the person is, as a job that a child process can read."""
+"""What is calibrated: the videos, the frames of each, first guesses of focal lengths, and where the person is.
+
+A capture becomes `Footage`, which the child process reads as JSON.
+"""
 
 import json
-from dataclasses import asdict, dataclass
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+
+import av
+import numpy as np
+
+from jaxmocap._results import InputError
+from jaxmocap.capture import Capture, best_person, keypoint_file, mask_file, read_people
 
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom in pixels of the recorded video."""
 
+Report = Callable[[str, int, int], None]
+"""Takes progress: the stage, how many of its steps are done, and how many there are."""
+
+_MARGIN = 1.0  # seconds before and after the shared frames, so that `offset` may still be corrected
+_CONFIDENT = 0.3
+_USUAL = 0.9  # of the longer side: phones filming are between 0.7 and 1.2
+_FULL_FRAME_DIAGONAL = 43.27  # millimetres
+_KEY = re.compile(r"focal_?length.*35_?mm", re.IGNORECASE)
+_NUMBER = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(?:mm)?\s*$")
+
 
 @dataclass(frozen=True)
 class VideoFootage:
-    """One camera's video: frames `first` to `last`, both included. `focal` is a first guess in pixels, or, if
-    `focal_known`, exact. `boxes` and `masks` (files), by frame, cover the person where known."""
+    """One camera's video.
+
+    name: of the camera
+    path: of the video file
+    size: width and height of the recorded pictures, pixels
+    first: the first frame that is calibrated
+    last: the last one, included
+    focal: length, pixels; a first guess unless `focal_known`
+    focal_known: whether `focal` is exact, and kept
+    boxes: around the person, by frame, where keypoints tell
+    masks: files with masks of the person, by frame, where there are any
+    """
 
     name: str
     path: str
@@ -28,14 +59,21 @@ class VideoFootage:
         return range(self.first, self.last + 1)
 
     def image_name(self, frame: int) -> str:
-        """The image's name in the COLMAP model."""
+        """Name the image of a frame in the COLMAP model."""
         return f"{self.name}/{frame:05d}.png"
 
 
 @dataclass(frozen=True)
 class Footage:
-    """All videos of a capture. `lags[camera]` is the frame of that video that shows the first one's frame 0.
-    `key_step` is the distance between key frames, `seed` that of all random numbers."""
+    """All videos of a capture.
+
+    videos: one per camera
+    lags: the frame of each video that was filmed together with frame 0 of the first
+    key_step: frames from one key frame to the next; 5
+    num_features: looked for in a frame, at most; 4000
+    threads: of the mapper and the bundle adjustment; 2
+    seed: of all random numbers; 0
+    """
 
     videos: tuple[VideoFootage, ...]
     lags: tuple[int, ...]
@@ -50,20 +88,22 @@ class Footage:
         return all(video.focal_known for video in self.videos)
 
     def key_frames(self, camera: int) -> list[int]:
-        """Every `key_step`-th frame of a video, and its last; short videos have at least six where they can."""
+        """Choose every `key_step`-th frame of a video, and its last; short videos have at least six where they can."""
         frames = self.videos[camera].frames
         step = max(1, min(self.key_step, len(frames) // 6))
         return sorted({*frames[::step], frames[-1]})
 
     def instant(self, camera: int, frame: int) -> int:
-        """The frame number on the first video's clock."""
+        """Convert a frame number to the clock of the first video."""
         return frame - self.lags[camera]
 
     def to_json(self) -> str:
+        """Write the job as text for `from_file`."""
         return json.dumps(asdict(self))
 
     @staticmethod
     def from_file(path: Path) -> "Footage":
+        """Read what `to_json` wrote."""
         raw = json.loads(path.read_text(encoding="utf-8"))
         videos = []
         for video in raw.pop("videos"):
@@ -71,3 +111,105 @@ class Footage:
             masks = {int(frame): file for frame, file in video.pop("masks").items()}
             videos.append(VideoFootage(**(video | {"size": tuple(video["size"])}), boxes=boxes, masks=masks))
         return Footage(**(raw | {"videos": tuple(videos), "lags": tuple(raw["lags"])}))
+
+
+def as_recorded(capture: Capture) -> Capture:
+    """Return the capture without its cameras: images, masks and keypoints lie in the recorded videos."""
+    return replace(capture.as_recorded(), cameras_path=None)
+
+
+def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: int, threads: int, seed: int) -> Footage:
+    """Gather what the child process needs of a capture as it was recorded.
+
+    `focal` gives focal lengths by camera, in pixels, that are then kept. Raises `InputError` for fewer than two cameras
+    or frames, and for focal lengths of cameras that do not exist.
+    """
+    focal = dict(focal or {})
+    unknown = sorted(set(focal) - set(capture.camera_names))
+    if unknown:
+        raise InputError(
+            f"a focal length is given for {', '.join(unknown)}, but the cameras are {', '.join(capture.camera_names)}"
+        )
+    if focal and set(focal) != set(capture.camera_names):
+        raise InputError("give the focal length of every camera, or of none")
+    if wrong := [f"{name} {value:g}" for name, value in focal.items() if not 10 < value < 1e5]:
+        raise InputError(f"focal lengths are in pixels, about the width of the image; found {', '.join(wrong)}")
+    if capture.num_cameras < 2:
+        raise InputError(
+            f"capture '{capture.name}' has one camera; two or more are needed to place them and the person in space"
+        )
+    if capture.num_frames < 2:
+        raise InputError(f"capture '{capture.name}' has {capture.num_frames} shared frame; several are needed")
+    if key_step < 1:
+        raise InputError(f"--key-step is {key_step}; one key frame every so many frames, 1 or more, was expected")
+    margin = round(_MARGIN * capture.fps)
+    videos = []
+    for camera, (name, index) in enumerate(zip(capture.camera_names, capture.indices, strict=True)):
+        own = capture.video_frames[camera]
+        first, last = max(int(own[0]) - margin, 0), min(int(own[-1]) + margin, index.num_frames - 1)
+        guess = focal.get(name) or guess_focal(index.path, index.size)
+        videos.append(
+            VideoFootage(
+                name=name,
+                path=str(index.path.resolve()),
+                size=index.size,
+                first=first,
+                last=last,
+                focal=guess,
+                focal_known=name in focal,
+                boxes=_boxes(capture, name, range(first, last + 1)),
+                masks=_masks(capture, name, range(first, last + 1)),
+            )
+        )
+    lags = tuple(int(row[0] - capture.video_frames[0, 0]) for row in capture.video_frames)
+    return Footage(tuple(videos), lags, key_step=key_step, threads=threads, seed=seed)
+
+
+def _boxes(capture: Capture, camera: str, frames: range) -> dict[int, Box]:
+    """Put a box around the keypoints of each frame that has them."""
+    boxes: dict[int, Box] = {}
+    if capture.keypoints_folder is None:
+        return boxes
+    for frame in frames:
+        file = keypoint_file(capture.keypoints_folder, camera, frame)
+        person = best_person(read_people(file)) if file.is_file() else None
+        if person is not None and (person[:, 2] >= _CONFIDENT).sum() >= 4:
+            places = person[person[:, 2] >= _CONFIDENT, :2]
+            boxes[frame] = (*places.min(0).tolist(), *places.max(0).tolist())
+    return boxes
+
+
+def _masks(capture: Capture, camera: str, frames: range) -> dict[int, str]:
+    if capture.masks_folder is None:
+        return {}
+    files = {frame: mask_file(capture.masks_folder, camera, frame) for frame in frames}
+    return {frame: str(file.resolve()) for frame, file in files.items() if file.is_file()}
+
+
+def keypoints_of(capture: Capture, most: int = 30) -> dict[int, np.ndarray]:
+    """Read BODY_25 keypoints, (camera, 25, 3) by shared frame, in pixels of the recorded videos.
+
+    Frames are those at which two cameras have keypoints, at most `most` of them. `capture` is as recorded.
+    """
+    frames = [set(capture.keypoint_frames(camera)) for camera in range(capture.num_cameras)]
+    shared = sorted(f for f in set().union(*frames) if sum(f in own for own in frames) >= 2)
+    found = {}
+    for frame in shared[:: max(1, -(-len(shared) // most))]:
+        people = [capture.keypoints(camera, frame) for camera in range(capture.num_cameras)]
+        found[frame] = np.stack([np.zeros((25, 3)) if person is None else person for person in people])
+    return found
+
+
+def guess_focal(path: Path, size: tuple[int, int]) -> float:
+    """Guess a focal length in pixels, from the 35 mm equivalent that some phones write into a video, else the usual.
+
+    Read are QuickTime's `com.apple.quicktime.camera.focal_length.35mm_equivalent` and Exif's `FocalLengthIn35mmFormat`
+    (or `...Film`), of the file or of its video track. The search begins there; phones crop what they film.
+    """
+    with av.open(str(path)) as container:
+        metadata = {**container.metadata, **container.streams.video[0].metadata}
+    for key, value in metadata.items():
+        number = _NUMBER.match(value)
+        if _KEY.search(key) and number and 8 <= float(number[1]) <= 400:
+            return float(number[1]) / _FULL_FRAME_DIAGONAL * float((size[0] ** 2 + size[1] ** 2) ** 0.5)
+    return _USUAL * max(size)

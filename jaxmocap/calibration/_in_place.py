@@ -1,15 +1,27 @@
-"""Calibrating a capture on disk: a new folder with the cameras, and the line in `capture.toml` that names it."""
+"""Cameras of a capture on disk, calibrated, adopted or refined: a new folder, and the lines in `capture.toml`."""
 
 import dataclasses
+import json
 import os
+import shutil
+import tempfile
 from pathlib import Path
 from typing import Any
 
-from jaxmocap._files import write_text
+import numpy as np
+
+from jaxmocap._files import atomic_folder, atomic_path, write_json, write_text
 from jaxmocap._results import InputError
-from jaxmocap.capture import Capture, config_path, read_config, with_cameras_line
+from jaxmocap.camera import read_cameras
+from jaxmocap.capture import Capture, config_path, read_config, with_cameras_line, with_offsets
+from jaxmocap.motion import Motion
 
 from ._calibrate import Calibration, calibrate
+from ._child import run_worker
+from ._footage import Report
+from ._refine import RefinedCameras, refine
+
+REPORT = "refinement.json"
 
 
 def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: Any) -> Calibration:
@@ -28,7 +40,7 @@ def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: An
 
 
 def refuse_named_cameras(path: str | Path, replace: bool) -> Path:
-    """The `capture.toml`. Raises `InputError` if it names cameras, unless `replace`, or cannot be written."""
+    """Find the `capture.toml`. Raises `InputError` if it names cameras, unless `replace`, or cannot be written."""
     file = config_path(path)
     config, _ = read_config(file)
     if config is not None and config.cameras is not None and not replace:
@@ -47,12 +59,98 @@ def name_cameras(file: Path, name: str) -> None:
 
 
 def free_name(parent: Path, stem: str, suffix: str = "") -> Path:
-    """`cameras`, or the first of `cameras-2`, `cameras-3`, ... that does not exist."""
+    """Choose a path that does not exist: `cameras`, or the first of `cameras-2`, `cameras-3`, ..."""
     number, path = 1, parent / f"{stem}{suffix}"
     while path.exists():
         number += 1
         path = parent / f"{stem}-{number}{suffix}"
     return path
+
+
+def adopt_cameras(path: str | Path, cameras: str | Path, *, replace: bool = False) -> Path:
+    """Copy a calibration of any form that `read_cameras` takes into the capture at `path` and name it there.
+
+    Returns the copy. Raises `InputError`, with nothing changed, if it does not fit the capture's cameras, frames and
+    video sizes, or if `capture.toml` names cameras already, unless `replace`; the old ones stay where they are.
+    """
+    file, source = refuse_named_cameras(path, replace), Path(cameras)
+    capture = Capture.open(file, with_cameras=False)
+    read_cameras(
+        source, capture.camera_names, capture.num_frames, capture.sizes, capture.video_frames, capture.metres_per_unit
+    )
+    copy = free_name(file.parent, "cameras", "" if source.is_dir() else "".join(source.suffixes[-2:]))
+    try:
+        if source.is_dir():
+            with atomic_folder(copy) as partial:
+                shutil.copytree(source, partial, dirs_exist_ok=True)
+        else:
+            with atomic_path(copy) as partial:
+                shutil.copyfile(source, partial)
+        name_cameras(file, copy.name)
+    except OSError as error:
+        raise InputError(f"{copy} cannot be written: {error.strerror}") from error
+    return copy
+
+
+def refine_cameras(
+    capture: Capture | str | Path,
+    motion: Motion | str | Path,
+    *,
+    detections: str | Path | None = None,
+    progress: Report = lambda stage, done, total: None,
+) -> RefinedCameras:
+    """Refine the cameras of a capture and the moments at which its videos began, with the body that was tracked.
+
+    `motion` is a result of tracking the capture, or its folder. Background and body are adjusted together, and a moment
+    is found to a part of a frame. The body is seen in keypoints at tracked frames, the
+    capture's or those of a folder of `detections` (OpenPose BODY_25, named like the capture's); the background in the
+    points of the COLMAP model, as `calibrate` writes it. Where there are none, static cameras from a file for example,
+    cameras are held and only the offsets are refined. With an open `Capture` nothing is written; with a folder or
+    `capture.toml` the refined model becomes a new folder in it with `refinement.json`, which `cameras` names then, and
+    each `offset` is set; the old cameras stay on disk.
+
+    Raises `InputError`, with nothing changed on disk, where the result is not of this capture and these cameras, where
+    two views have too few keypoints, and where the videos are too far apart in time to be refined.
+    """
+    if not isinstance(motion, Motion):
+        motion = Motion.load(motion)
+    if isinstance(capture, Capture):
+        return refine(capture, motion, detections=detections, progress=progress)
+    file = config_path(capture)
+    opened = Capture.open(file)
+    found = refine(opened, motion, detections=detections, progress=progress)
+    try:
+        return _write(opened, file, found, progress)
+    except OSError as error:
+        raise InputError(f"{file.parent} cannot be written to: {error.strerror}; nothing was changed") from error
+
+
+def _write(capture: Capture, file: Path, found: RefinedCameras, progress: Report) -> RefinedCameras:
+    text = with_offsets(_text(file), found.offsets, file)
+    if not found.names:
+        write_json(file.parent / REPORT, found.record)
+        write_text(file, text)
+        return found
+    folder = free_name(file.parent, "cameras")
+    assert capture.cameras_path is not None
+    model = capture.cameras_path if capture.cameras_path.is_dir() else capture.cameras_path.parent
+    poses = found.poses.copy()
+    poses[:, :3, 3] /= capture.metres_per_unit
+    with tempfile.TemporaryDirectory(prefix="jaxmocap-") as temporary, atomic_folder(folder) as partial:
+        work = Path(temporary)
+        (work / "model.json").write_text(json.dumps(str(model.resolve())), encoding="utf-8")
+        np.savez(
+            work / "poses.npz",
+            names=np.array(found.names, np.str_),
+            cam_from_world=poses,
+            cameras=np.array(capture.camera_names, np.str_),
+            factors=found.focal_factors,
+        )
+        run_worker("poses", work, progress)
+        shutil.copytree(work / "cameras", partial, dirs_exist_ok=True)
+        write_json(partial / REPORT, found.record)
+    write_text(file, with_cameras_line(text, folder.name, file))
+    return dataclasses.replace(found, folder=folder)
 
 
 def _text(file: Path) -> str:

@@ -10,19 +10,26 @@ import numpy as np
 from jaxtyping import Float
 from scipy import linalg, sparse
 
-from ._joint_scene import JointScene, JointState, predict
-from ._path_knots import Knots, place_knots
+from ._joint_scene import JointScene, JointState, Knots, place_knots, predict
 
-_CHUNK = 2000  # points
+_CHUNK = 2000  # points that are eliminated at a time
 _CAUCHY = 2.0  # standard deviations
 _ITERATIONS = 60
 _ENOUGH = 0.05  # decrease of the cost, which is in squared standard deviations
 
 
 class JointPriors(NamedTuple):
-    """Standard deviations of what is believed before. `turn` (radians) and `shift` (metres) of a camera from where it
-    was, and between knots that are `apart` seconds; `focal`, relative; `late`, seconds; `body`, metres between a body
-    point and its tracked place. Zero holds what it is about."""
+    """Standard deviations of what is believed beforehand; zero holds what it is about.
+
+    turn: of a camera from where it was, radians; 1 degree
+    shift: of a camera from where it was, metres; 0.05
+    turn_between: of one knot from the next, radians; 0.2 degrees
+    shift_between: of one knot from the next, metres; 0.01
+    apart: time between knots, seconds, no deviation; 1/3
+    focal: of a focal length, relative; 0.005
+    late: of a clock, seconds; 0.05, some two frames
+    body: of a body point from its tracked place, metres; 0.1
+    """
 
     turn: float = float(np.radians(1.0))
     shift: float = 0.05
@@ -35,7 +42,13 @@ class JointPriors(NamedTuple):
 
 
 class Adjusted(NamedTuple):
-    """The unknowns found, the standard deviations of those of the cameras, and the cost before and after."""
+    """What the adjustment found.
+
+    knots: of the corrections of the paths
+    state: the unknowns
+    deviation: their standard deviations
+    cost: before and after, squared standard deviations
+    """
 
     knots: Knots
     state: JointState
@@ -48,8 +61,10 @@ def adjust_together(
     priors: JointPriors | None = None,
     start: JointState | None = None,
 ) -> Adjusted:
-    """The most probable cameras, clocks and points, from `start` where given. The first camera's clock is held, and so
-    is what no prior lets go."""
+    """Find the most probable cameras, clocks and points, from `start` where given.
+
+    The first camera's clock is held, and so is what no prior lets go.
+    """
     priors = JointPriors() if priors is None else priors
     knots, state = unadjusted(scene, priors.apart)
     state = state if start is None else start
@@ -72,7 +87,7 @@ def adjust_together(
 
 
 def unadjusted(scene: JointScene, apart: float) -> tuple[Knots, JointState]:
-    """Everything as it is."""
+    """Place knots `apart` seconds from each other, with the state in which everything is as it was."""
     knots, cameras = place_knots(scene.camera, scene.seconds, apart), len(scene.focal)
     return knots, JointState(np.zeros((knots.count, 6)), np.zeros(cameras), np.zeros(cameras), scene.points.copy())
 
@@ -91,7 +106,7 @@ def _vector(state: JointState) -> np.ndarray:
 
 
 def _prior_rows(knots: Knots, cameras: int, priors: JointPriors) -> tuple[sparse.csr_array, np.ndarray]:
-    """Rows that should be zero, and which of the cameras' unknowns are free."""
+    """Build the rows of the priors, which should be zero, and tell which of the cameras' unknowns are free."""
 
     def inverse(*values: float) -> np.ndarray:
         return np.repeat([1 / value if value > 0 else 0.0 for value in values], 3)
@@ -153,7 +168,7 @@ class _System:
         self.point_slope[body] += (state.points - scene.points)[body] / priors.body**2
 
     def _reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The cameras' matrix and right side, and the inverse blocks of the points."""
+        """Reduce to the cameras: their matrix and right side, and the inverse blocks of the points."""
         diagonal = np.einsum("nii->ni", self.blocks)
         floor = damping * diagonal + 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-12
         inverse = np.linalg.inv(self.blocks + floor[:, :, None] * np.eye(3))
@@ -191,7 +206,7 @@ class _System:
 
 
 def _derivatives(scene: JointScene, knots: Knots, state: JointState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each sighting's pixel by 14 unknowns of the cameras, which these are, and by its point."""
+    """Differentiate each sighting's pixel by 14 unknowns of the cameras, tell which these are, and by its point."""
     seen = predict(scene, knots, state)
     camera = scene.camera[scene.pose_of]
     focal = scene.focal[camera] * np.exp(state.log_focal[camera])[:, None]

@@ -1,4 +1,5 @@
-"""Structure from motion of the key frames of all cameras in one model (incremental, Schoenberger and Frahm 2016)."""
+"""Structure from motion of the key frames of all cameras in one model (incremental, Schoenberger and Frahm 2016), and
+bundle adjustment of that model."""
 
 from pathlib import Path
 
@@ -8,17 +9,23 @@ import pycolmap
 
 from jaxmocap._results import InputError
 
-from ._footage import Footage
-from ._matching import Report, best_pairs_across
+from ._footage import Footage, Report
+from ._matching import best_pairs_across
 
 _TRIALS = 4  # initial pairs
 _ENOUGH = 0.6  # of the key frames of every camera
 _FOCAL_RANGE = (0.3, 6.0)  # times the longer side of the image
+_LOSS_SCALE = 1.0  # pixels at a width of 960
+_LARGEST_RESIDUAL = 2.0
+_SMALLEST_ANGLE = 1.0  # degrees between the rays of a point
 
 
 def map_key_frames(footage: Footage, database: Path, work: Path, report: Report) -> pycolmap.Reconstruction:
-    """The model of most key frames: begun with two cameras, far apart, since one hand-held camera alone moves too
-    little to tell its focal length. Raises `InputError` when no start leads to a model of all cameras."""
+    """Reconstruct the model of most key frames.
+
+    It begins with images of two cameras, far apart, since one handheld camera alone moves too little to tell its focal
+    length. Raises `InputError` when no start leads to a model of all cameras.
+    """
     best: pycolmap.Reconstruction | None = None
     total = sum(len(footage.key_frames(camera)) for camera in range(len(footage.videos)))
     starts: list[tuple[int, int] | None] = [*best_pairs_across(database, _TRIALS), None]
@@ -34,7 +41,7 @@ def map_key_frames(footage: Footage, database: Path, work: Path, report: Report)
 
 
 def _worth(footage: Footage, model: pycolmap.Reconstruction) -> float:
-    """The share of registered key frames in the camera that has least; 0 for an impossible focal length."""
+    """Rate a model: the least share of key frames registered in a camera; 0 for an impossible focal length."""
     shares = []
     for camera, video in enumerate(footage.videos):
         if camera + 1 not in model.cameras:
@@ -57,7 +64,7 @@ def _map(
     options.min_model_size = 4
     options.min_focal_length_ratio, options.max_focal_length_ratio = _FOCAL_RANGE
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = not footage.focal_known
-    options.mapper.init_min_tri_angle = 4.0  # two hand-held cameras may stand close together
+    options.mapper.init_min_tri_angle = 4.0  # two handheld cameras may stand close together
     if start is not None:
         options.init_image_id1, options.init_image_id2 = start
     done = [2]
@@ -88,3 +95,46 @@ def _no_model(footage: Footage, best: pycolmap.Reconstruction | None) -> str:
         f"the cameras cannot be calibrated together: too few key frames could be placed ({found}); more background "
         "that both see is needed, videos without cuts, or more frames: try --key-step 2."
     )
+
+
+def adjust(model: pycolmap.Reconstruction, threads: int, refine_focal: bool = True, rounds: int = 2) -> None:
+    """Refine poses, points, focal lengths and the radial distortion of the whole `model`, with Cauchy's loss.
+
+    Observations that stay off are dropped, and so are points seen from one direction only. Without the loss focal
+    lengths come out 1 % long.
+    """
+    scale = max(max(camera.width, camera.height) for camera in model.cameras.values()) / 960
+    for _ in range(rounds):
+        options = pycolmap.BundleAdjustmentOptions()
+        options.print_summary = False
+        options.refine_focal_length = refine_focal
+        options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+        options.ceres.loss_function_scale = _LOSS_SCALE * scale
+        options.ceres.solver_options.num_threads = threads
+        options.ceres.solver_options.max_num_iterations = 60
+        options.ceres.solver_options.function_tolerance = 1e-7
+        pycolmap.bundle_adjustment(model, options)
+        pycolmap.ObservationManager(model).filter_all_points3D(_LARGEST_RESIDUAL * scale, _SMALLEST_ANGLE)
+
+
+def median_depth(model: pycolmap.Reconstruction) -> float:
+    """Measure the distance to the scene: the median over images of the median depth of the points they see."""
+    depths = []
+    for image in model.images.values():
+        if image.has_pose and image.num_points3D:
+            seen = [model.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D()]
+            pose = image.cam_from_world().matrix()
+            depths.append(np.median(np.array(seen) @ pose[2, :3] + pose[2, 3]))
+    return float(np.median(depths))
+
+
+def observations(model: pycolmap.Reconstruction, image_id: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """List what one image sees: pixels (n, 2), ids of the points (n,), and residuals in pixels (n, 2)."""
+    image = model.images[image_id]
+    seen = [point for point in image.points2D if point.has_point3D()]
+    pixels = np.array([point.xy for point in seen]).reshape(-1, 2)
+    ids = np.array([point.point3D_id for point in seen], int)
+    places = np.array([model.points3D[int(i)].xyz for i in ids]).reshape(-1, 3)
+    pose = image.cam_from_world().matrix()
+    again = model.cameras[image.camera_id].img_from_cam(places @ pose[:, :3].T + pose[:, 3])
+    return pixels, ids, np.reshape(np.asarray(again), (-1, 2)) - pixels

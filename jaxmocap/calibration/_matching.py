@@ -1,6 +1,6 @@
 """Key frames matched with each other, in the database that COLMAP's mapper reads."""
 
-from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 
 import cv2  # noqa: F401  (before pycolmap: the other order crashes)
@@ -10,19 +10,48 @@ import pycolmap
 from jaxmocap._results import InputError
 
 from ._features import Features, match, read_features
-from ._footage import Footage
-from ._pairs import Place, key_pairs
+from ._footage import Footage, Report
 
-Report = Callable[[str, int, int], None]
+Place = tuple[int, int]
+"""Camera and frame of its own video."""
 
+_WITHIN = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # key frames apart, in one camera
+_ACROSS = 4  # key frames apart, between two cameras
 _FEWEST_FEATURES = 60  # in half of the key frames
 _FEWEST_MATCHES = 15
 _FEWEST_ACROSS = 30  # verified matches of the best pair between two cameras
 _CHUNK = 64
 
 
+def key_pairs(footage: Footage) -> list[tuple[Place, Place]]:
+    """Pair key frames: at growing distances within a camera, and all that are near in time between cameras."""
+    keys = [footage.key_frames(camera) for camera in range(len(footage.videos))]
+    pairs = []
+    for camera, frames in enumerate(keys):
+        for step in _WITHIN:
+            pairs += [((camera, a), (camera, b)) for a, b in zip(frames, frames[step:], strict=False)]
+    for one, other in combinations(range(len(keys)), 2):
+        times = np.array([footage.instant(other, frame) for frame in keys[other]])
+        for frame in keys[one]:
+            nearest = np.argsort(np.abs(times - footage.instant(one, frame)), kind="stable")[: 2 * _ACROSS + 1]
+            pairs += [((one, frame), (other, keys[other][int(index)])) for index in sorted(nearest)]
+    return pairs
+
+
+def frame_pairs(footage: Footage, camera: int, frame: int) -> list[Place]:
+    """Choose what a frame between the key frames is matched with: the three key frames nearest in time of its own
+    camera and one of every other."""
+    places = []
+    for other in range(len(footage.videos)):
+        frames = np.array(footage.key_frames(other))
+        away = np.abs(footage.instant(camera, frame) - np.array([footage.instant(other, int(f)) for f in frames]))
+        nearest = np.argsort(away, kind="stable")[: 3 if other == camera else 1]
+        places += [(other, int(frames[index])) for index in sorted(nearest)]
+    return places
+
+
 def match_key_frames(footage: Footage, path: Path, report: Report) -> dict[Place, Features]:
-    """Write cameras, features of key frames and verified matches to the database `path`; the features by place.
+    """Write cameras, features of key frames and verified matches to the database `path`; return the features by place.
 
     Raises `InputError` for a video without texture, and for cameras whose views have nothing in common.
     """
@@ -53,7 +82,7 @@ def match_key_frames(footage: Footage, path: Path, report: Report) -> dict[Place
 
 
 def best_pairs_across(path: Path, count: int) -> list[tuple[int, int]]:
-    """The image pairs of different cameras with most verified matches, each image in one of them only."""
+    """Choose `count` image pairs of different cameras with most verified matches, each image in one of them only."""
     chosen: list[tuple[int, int]] = []
     for inliers, one, other, same in sorted(_verified(path), reverse=True):
         if not same and inliers >= _FEWEST_ACROSS and not {one, other} & {image for pair in chosen for image in pair}:
@@ -92,7 +121,7 @@ def _verify(footage: Footage, path: Path, pairs: list[tuple[Place, Place]], repo
 
 
 def _verified(path: Path) -> list[tuple[int, int, int, bool]]:
-    """Per pair of images: verified matches, both image ids, and whether one camera made both."""
+    """Count verified matches per pair of images: the count, both image ids, and whether one camera made both."""
     with pycolmap.Database.open(path) as database:
         cameras = {image.image_id: image.camera_id for image in database.read_all_images()}
         pair_ids, counts = database.read_two_view_geometry_num_inliers()
@@ -117,7 +146,7 @@ def _refuse_blank(footage: Footage, camera: int, features: dict[Place, Features]
 
 
 def _refuse_apart(footage: Footage, path: Path) -> None:
-    """Every camera must share background with the first, directly or through others."""
+    """Raise `InputError` for a camera that shares no background with the first, directly or through others."""
     if len(footage.videos) == 1:
         return
     with pycolmap.Database.open(path) as database:

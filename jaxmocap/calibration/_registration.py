@@ -8,9 +8,8 @@ import pycolmap
 from jaxtyping import Float, Int
 
 from ._features import Features, match, read_features
-from ._footage import Footage
-from ._matching import Report
-from ._pairs import Place, frame_pairs
+from ._footage import Footage, Report
+from ._matching import Place, frame_pairs
 
 _MAX_ERROR = 3.0  # pixels at a width of 960
 _FEWEST = 25
@@ -20,8 +19,13 @@ _GUIDED_REACH = 12.0  # pixels at a width of 960
 
 @dataclass
 class Sightings:
-    """The points of the model that a frame may see: pixels and ids, some of them false. `slots` are their rows in the
-    `keypoints` that the frame's image has, or will have: COLMAP lets an image have them once."""
+    """The points of the model that a frame may see, some of them false.
+
+    pixels: where they are seen
+    points: their ids in the model
+    slots: their rows in `keypoints`
+    keypoints: those that the frame's image has, or will have: COLMAP lets an image have them once
+    """
 
     pixels: Float[np.ndarray, "sighting 2"]
     points: Int[np.ndarray, " sighting"]
@@ -31,7 +35,11 @@ class Sightings:
 
 @dataclass
 class PlacedFrame:
-    """A frame's pose and which of its sightings agree with it."""
+    """A frame that was placed.
+
+    cam_from_world: its pose
+    sightings: those that agree with the pose
+    """
 
     cam_from_world: pycolmap.Rigid3d
     sightings: Sightings
@@ -39,7 +47,13 @@ class PlacedFrame:
 
 @dataclass
 class Model:
-    """A reconstruction, its images by camera and frame, and the features of key frames."""
+    """A reconstruction that frames are added to.
+
+    footage: what it is made of
+    reconstruction: COLMAP's; lens i + 1 is that of camera i
+    features: those of the key frames
+    images: ids of the images by camera and frame; filled in from `reconstruction`
+    """
 
     footage: Footage
     reconstruction: pycolmap.Reconstruction
@@ -52,10 +66,11 @@ class Model:
 
     @staticmethod
     def place_of(image: pycolmap.Image) -> Place:
+        """Read camera and frame from an image's id and name."""
         return image.camera_id - 1, int(image.name.rsplit("/", 1)[1].removesuffix(".png"))
 
     def pose(self, place: Place) -> np.ndarray | None:
-        """cam_from_world (4, 4), or None."""
+        """Look up cam_from_world (4, 4) of a frame; None if it has none."""
         image = self.reconstruction.images[self.images[place]] if place in self.images else None
         if image is None or not image.has_pose:
             return None
@@ -68,7 +83,7 @@ class Model:
         self.reconstruction.deregister_frame(self.reconstruction.images[self.images[place]].frame_id)
 
     def sightings(self, place: Place, features: Features) -> Sightings:
-        """Points of placed key frames around a frame that its features match; the commonest vote counts."""
+        """Match a frame's features with placed key frames around it; of several points the most frequent counts."""
         votes: dict[tuple[int, int], int] = {}
         for key in frame_pairs(self.footage, *place):
             if key == place or self.pose(key) is None:
@@ -86,7 +101,10 @@ class Model:
         return Sightings(pixels, points, np.arange(len(index)), pixels)
 
     def place(self, camera: int, sightings: Sightings, predicted: np.ndarray | None = None) -> PlacedFrame | None:
-        """The pose that the sightings give, near the `predicted` one where there is one; None if they give none."""
+        """Estimate the pose from what a frame sees (perspective-n-point with RANSAC); None if that is too little.
+
+        Given a pose `predicted` (4, 4), it is refined with the sightings within 12 pixels of it, at a width of 960.
+        """
         points3d = self.reconstruction.points3D
         alive = np.array([int(point) in points3d for point in sightings.points], bool)
         pixels, points, slots = sightings.pixels[alive], sightings.points[alive], sightings.slots[alive]
@@ -153,7 +171,7 @@ def _residuals(lens: pycolmap.Camera, rigid: pycolmap.Rigid3d, points: np.ndarra
 
 
 def place_other_frames(model: Model, report: Report) -> dict[Place, Sightings]:
-    """Place every frame that has no pose yet; what each of them may see, for another try."""
+    """Place every frame that has no pose yet; return what each of them may see, for another try."""
     footage = model.footage
     sightings: dict[Place, Sightings] = {}
     missing = [

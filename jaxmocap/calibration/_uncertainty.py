@@ -10,12 +10,30 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from jaxmocap.geometry import camera_centres
+
+from ._mapping import median_depth, observations
+from ._matching import Place
+from ._registration import Model
+from ._trajectory import departures
+
 _PER_POSE, _PER_LENS, _GAUGE = 6, 2, 7
+_MOST_IN_NETWORK = 120
+_MAD_TO_SIGMA = 1.4826
 
 
 class Network(NamedTuple):
-    """What a bundle adjustment sees. `lens` is the camera of each pose; `focal` and `radial` (k1) by lens; one row of
-    `pose_of`, `point_of` per observation. `sigma` is the standard deviation of a pixel coordinate."""
+    """What a bundle adjustment sees.
+
+    cam_from_world: poses, in the world's units
+    lens: the camera of each pose
+    focal: length of each lens, pixels
+    radial: distortion k1 of each lens
+    points: in the world
+    pose_of: the pose that makes each observation
+    point_of: the point it is of
+    sigma: standard deviation of a pixel coordinate
+    """
 
     cam_from_world: Float[np.ndarray, "pose 4 4"]
     lens: Int[np.ndarray, " pose"]
@@ -28,15 +46,18 @@ class Network(NamedTuple):
 
 
 class PoseDeviation(NamedTuple):
-    """Standard deviations: of the centre, in the world's units, and of the orientation, radians (each the root of the
-    summed variances of three axes)."""
+    """Standard deviations of poses, each the root of the summed variances of three axes.
+
+    centre: in the world's units
+    angle: of the orientation, radians
+    """
 
     centre: Float[np.ndarray, " pose"]
     angle: Float[np.ndarray, " pose"]
 
 
 def _jacobians(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivatives of each observation by its pose (turn of the camera about its centre in world axes, then its centre),
+    """Differentiate each observation by its pose (turn of the camera about its centre in world axes, then its centre),
     by focal length (logarithm) and k1, and by its point."""
     rotation = network.cam_from_world[network.pose_of, :3, :3]
     inside = np.einsum("nij,nj->ni", rotation, network.points[network.point_of])
@@ -64,7 +85,7 @@ def _jacobians(network: Network) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def pose_deviation(network: Network) -> PoseDeviation:
-    """Standard deviations of all poses, after the best similarity. Points seen fewer than twice do not count."""
+    """Compute the standard deviations of all poses after the best similarity; points seen only once do not count."""
     poses, lenses = len(network.cam_from_world), len(network.focal)
     size = _PER_POSE * poses + _PER_LENS * lenses
     by_pose, by_lens, by_point = _jacobians(network)
@@ -91,7 +112,7 @@ def pose_deviation(network: Network) -> PoseDeviation:
         where = columns[index].reshape(size_local)
         np.add.at(normal, (where[:, None], where[None, :]), reduced)
     scale = np.ones(size)  # centres in units of their spread, so that the gauge is that of the best similarity
-    centres = -np.einsum("nji,nj->ni", network.cam_from_world[:, :3, :3], network.cam_from_world[:, :3, 3])
+    centres = camera_centres(network.cam_from_world)
     spread = float(np.sqrt(np.mean(np.sum((centres - centres.mean(0)) ** 2, axis=1))))
     length = max(spread, 1e-3 * float(np.linalg.norm(network.points.mean(0) - centres.mean(0))))
     scale.reshape(-1)[: _PER_POSE * poses].reshape(poses, 6)[:, 3:] = length
@@ -103,7 +124,7 @@ def pose_deviation(network: Network) -> PoseDeviation:
 
 
 def deviation_given_points(network: Network) -> PoseDeviation:
-    """Standard deviations of every pose were the points and lenses exact: what one frame's own noise does."""
+    """Compute the standard deviations of every pose as if points and lenses were exact: one frame's own noise."""
     by_pose, _, _ = _jacobians(network)
     normal = np.zeros((len(network.cam_from_world), 6, 6))
     np.add.at(normal, network.pose_of, np.einsum("nki,nkj->nij", by_pose, by_pose))
@@ -112,3 +133,58 @@ def deviation_given_points(network: Network) -> PoseDeviation:
     enough = count >= 4
     variance[enough] = network.sigma**2 * np.diagonal(np.linalg.inv(normal[enough]), axis1=1, axis2=2)
     return PoseDeviation(np.sqrt(variance[:, 3:].sum(1)), np.sqrt(variance[:, :3].sum(1)))
+
+
+def network_of(model: Model, places: list[Place]) -> Network:
+    """Gather the bundle adjustment of these frames, with the residuals' robust standard deviation."""
+    reconstruction = model.reconstruction
+    lenses = sorted(reconstruction.cameras)
+    seen = [observations(reconstruction, model.images[place]) for place in places]
+    ids = np.concatenate([points for _, points, _ in seen])
+    unique, point_of = np.unique(ids, return_inverse=True)
+    residuals = np.concatenate([residual for _, _, residual in seen])
+    poses = [model.pose(place) for place in places]
+    return Network(
+        cam_from_world=np.stack([pose for pose in poses if pose is not None]),
+        lens=np.array([camera for camera, _ in places]),
+        focal=np.array([reconstruction.cameras[i].params[0] for i in lenses]),
+        radial=np.array([reconstruction.cameras[i].params[3] for i in lenses]),
+        points=np.array([reconstruction.points3D[int(i)].xyz for i in unique]),
+        pose_of=np.repeat(np.arange(len(places)), [len(points) for _, points, _ in seen]),
+        point_of=point_of,
+        sigma=_MAD_TO_SIGMA * float(np.median(np.abs(residuals))),
+    )
+
+
+def deviation_of_places(model: Model, places: list[Place], interpolated: list[Place]) -> PoseDeviation:
+    """Compute the standard deviations of the poses of all `places`.
+
+    Key frames have those of their network, the others their own noise besides, interpolated ones the path's shake.
+    A camera sees one point in many frames with errors that are alike, since they are the texture's and the
+    compression's, so in the network all of a camera's sightings of a point count as one: deviations grow by the root
+    of their number.
+    """
+    usable = [place for place in places if place not in interpolated]
+    keys = [place for place in usable if place in model.features]
+    keys = keys[:: -(-len(keys) // _MOST_IN_NETWORK)]
+    seen = network_of(model, keys)
+    alike = len(seen.pose_of) / len(np.unique(np.stack([seen.lens[seen.pose_of], seen.point_of]), axis=1).T)
+    network = pose_deviation(seen._replace(sigma=seen.sigma * np.sqrt(alike)))
+    paths = [departures(model, camera) for camera in range(len(model.footage.videos))] if interpolated else []
+    own = deviation_given_points(network_of(model, usable))
+    distance = median_depth(model.reconstruction)
+    centre, angle = np.empty(len(places)), np.empty(len(places))
+    for index, (camera, frame) in enumerate(places):
+        nearest = min(range(len(keys)), key=lambda k: (keys[k][0] != camera, abs(keys[k][1] - frame)))
+        shared = network.centre[nearest], network.angle[nearest]
+        if (camera, frame) in interpolated:
+            path = paths[camera]
+            gap = min((abs(f - frame) for c, f in usable if c == camera), default=1)
+            single = path.usual_shift * distance * gap, path.usual_turn * gap
+        elif (camera, frame) in keys:
+            single = 0.0, 0.0
+        else:
+            at = usable.index((camera, frame))
+            single = own.centre[at], own.angle[at]
+        centre[index], angle[index] = np.hypot(shared[0], single[0]), np.hypot(shared[1], single[1])
+    return PoseDeviation(centre, angle)

@@ -2,8 +2,8 @@
 
 `python -m jaxmocap.calibration._worker reconstruct FOLDER` reads `FOLDER/job.json`, writes `FOLDER/model` (COLMAP,
 binary) and `FOLDER/result.npz`, and reports progress as JSON lines on standard output. Exit code 2 with a line
-`{"error": ...}` means that the footage cannot be used. `transform` then moves the model into the metric world; `tracks`
-reads a finished model out and `poses` replaces its poses.
+`{"error": ...}` means that the footage cannot be used. `transform` then moves the model into the metric world. For the
+refinement of a finished model, `tracks` reads out its tracks and `poses` replaces its poses.
 """
 
 import json
@@ -16,23 +16,18 @@ import pycolmap
 
 from jaxmocap._results import InputError
 
-from ._adjust import adjust, median_depth, observations
-from ._finished_model import read_tracks, replace_poses
-from ._footage import Footage
-from ._mapping import map_key_frames
-from ._matching import Report, match_key_frames
-from ._pairs import Place
-from ._refusals import refuse_motionless
+from ._footage import Footage, Report
+from ._mapping import adjust, map_key_frames, median_depth, observations
+from ._matching import match_key_frames
 from ._registration import Model, place_other_frames
-from ._repair import Repairs, departures, path_of, remove_outliers, repair
-from ._uncertainty import Network, PoseDeviation, deviation_given_points, pose_deviation
+from ._trajectory import Repairs, path_of, refuse_motionless, remove_outliers, repair
+from ._uncertainty import deviation_of_places
 
-_MOST_IN_NETWORK = 120
-_MAD_TO_SIGMA = 1.4826
+_MOST_SIGHTINGS = 400_000
 
 
 def reconstruct(footage: Footage, work: Path, report: Report) -> tuple[Model, Repairs]:
-    """A model with a pose for every frame: key frames together, then every other frame placed among their points.
+    """Make a model with a pose for every frame: key frames together, then every other frame placed among their points.
 
     Bundle adjustment ends with the key frames: with all frames of a capture of two cameras and 196 frames it took a
     quarter of the time and moved the centres away from the truth, from 0.15 to 0.20 cm, since a texture's false match
@@ -54,65 +49,11 @@ def reconstruct(footage: Footage, work: Path, report: Report) -> tuple[Model, Re
     return model, Repairs(outliers, again, sorted(repairs.interpolated))
 
 
-def network_of(model: Model, places: list[Place]) -> Network:
-    """The bundle adjustment of these frames, with the residuals' robust standard deviation."""
-    reconstruction = model.reconstruction
-    lenses = sorted(reconstruction.cameras)
-    seen = [observations(reconstruction, model.images[place]) for place in places]
-    ids = np.concatenate([points for _, points, _ in seen])
-    unique, point_of = np.unique(ids, return_inverse=True)
-    residuals = np.concatenate([residual for _, _, residual in seen])
-    poses = [model.pose(place) for place in places]
-    return Network(
-        cam_from_world=np.stack([pose for pose in poses if pose is not None]),
-        lens=np.array([camera for camera, _ in places]),
-        focal=np.array([reconstruction.cameras[i].params[0] for i in lenses]),
-        radial=np.array([reconstruction.cameras[i].params[3] for i in lenses]),
-        points=np.array([reconstruction.points3D[int(i)].xyz for i in unique]),
-        pose_of=np.repeat(np.arange(len(places)), [len(points) for _, points, _ in seen]),
-        point_of=point_of,
-        sigma=_MAD_TO_SIGMA * float(np.median(np.abs(residuals))),
-    )
-
-
-def _uncertainty(model: Model, places: list[Place], interpolated: list[Place]) -> PoseDeviation:
-    """Of the network of key frames, with each other frame's own noise besides; interpolated ones as the path shakes.
-
-    A camera sees one point in many frames with errors that are alike, since they are the texture's and the
-    compression's, so in the network all of a camera's sightings of a point count as one: deviations grow by the root
-    of their number.
-    """
-    usable = [place for place in places if place not in interpolated]
-    keys = [place for place in usable if place in model.features]
-    keys = keys[:: -(-len(keys) // _MOST_IN_NETWORK)]
-    seen = network_of(model, keys)
-    alike = len(seen.pose_of) / len(np.unique(np.stack([seen.lens[seen.pose_of], seen.point_of]), axis=1).T)
-    network = pose_deviation(seen._replace(sigma=seen.sigma * np.sqrt(alike)))
-    paths = [departures(model, camera) for camera in range(len(model.footage.videos))] if interpolated else []
-    own = deviation_given_points(network_of(model, usable))
-    distance = median_depth(model.reconstruction)
-    centre, angle = np.empty(len(places)), np.empty(len(places))
-    for index, (camera, frame) in enumerate(places):
-        nearest = min(range(len(keys)), key=lambda k: (keys[k][0] != camera, abs(keys[k][1] - frame)))
-        shared = network.centre[nearest], network.angle[nearest]
-        if (camera, frame) in interpolated:
-            path = paths[camera]
-            gap = min((abs(f - frame) for c, f in usable if c == camera), default=1)
-            single = path.usual_shift * distance * gap, path.usual_turn * gap
-        elif (camera, frame) in keys:
-            single = 0.0, 0.0
-        else:
-            at = usable.index((camera, frame))
-            single = own.centre[at], own.angle[at]
-        centre[index], angle[index] = np.hypot(shared[0], single[0]), np.hypot(shared[1], single[1])
-    return PoseDeviation(centre, angle)
-
-
 def write_result(model: Model, repairs: Repairs, folder: Path) -> None:
-    """Poses, intrinsics, points and what is known about their quality, in the model's own units and axes."""
+    """Write poses, intrinsics, points and what is known about their quality, in the model's own units and axes."""
     footage, reconstruction = model.footage, model.reconstruction
     places = [(camera, frame) for camera, video in enumerate(footage.videos) for frame in video.frames]
-    deviation = _uncertainty(model, places, repairs.interpolated)
+    deviation = deviation_of_places(model, places, repairs.interpolated)
     seen = [observations(reconstruction, model.images[place])[2] for place in places]
     residual = np.array([np.median(np.linalg.norm(r, axis=1)) if len(r) else np.nan for r in seen])
     poses = np.concatenate([path_of(model, camera)[1] for camera in range(len(footage.videos))])
@@ -147,7 +88,75 @@ def transform(folder: Path) -> None:
     reconstruction.write_binary(folder / "cameras")
 
 
-_SHORT = {"transform": transform, "tracks": read_tracks, "poses": replace_poses}
+def extract_tracks(folder: Path) -> None:
+    """Write `tracks.npz` from the model that `model.json` names: images, their poses, points, and what sees what.
+
+    Of a very long capture only every so many images are taken.
+    """
+    model = _model(folder)
+    points = {number: index for index, number in enumerate(sorted(model.points3D))}
+    images = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
+    images = images[:: max(1, -(-sum(image.num_points3D for image in images) // _MOST_SIGHTINGS))]
+    poses = np.tile(np.eye(4), (len(images), 1, 1))
+    pose_of, point_of, pixels = [], [], []
+    for index, image in enumerate(images):
+        poses[index, :3] = image.cam_from_world().matrix()
+        for point in image.points2D:
+            if point.has_point3D():
+                pose_of.append(index)
+                point_of.append(points[point.point3D_id])
+                pixels.append(point.xy)
+    np.savez(
+        folder / "tracks.npz",
+        names=np.array([image.name for image in images], np.str_),
+        cam_from_world=poses,
+        points=np.array([model.points3D[number].xyz for number in points]).reshape(-1, 3),
+        pose_of=np.array(pose_of, int),
+        point_of=np.array(point_of, int),
+        pixels=np.array(pixels, float).reshape(-1, 2),
+    )
+
+
+def replace_poses(folder: Path) -> None:
+    """Write the model to `cameras` with the poses and the factors of focal lengths of `poses.npz`.
+
+    Its points are adjusted to them.
+    """
+    model = _model(folder)
+    with np.load(folder / "poses.npz", allow_pickle=False) as arrays:
+        poses = dict(zip(arrays["names"].tolist(), arrays["cam_from_world"], strict=True))
+        factors = dict(zip(arrays["cameras"].tolist(), arrays["factors"], strict=True))
+    scaled = set()
+    for image in model.images.values():
+        name = image.name.rsplit("/", 1)[0]
+        if image.name in poses:
+            rigid = pycolmap.Rigid3d(poses[image.name][:3])
+            model.frames[image.frame_id].set_cam_from_world(image.camera_id, rigid)
+        if name in factors and image.camera_id not in scaled:
+            scaled.add(image.camera_id)
+            camera = model.cameras[image.camera_id]
+            parameters = np.array(camera.params)
+            parameters[camera.focal_length_idxs()] *= factors[name]
+            camera.params = parameters.tolist()
+    for number in [number for number, point in model.points3D.items() if point.track.length() < 2]:
+        model.delete_point3D(number)
+    if model.num_points3D():
+        options = pycolmap.BundleAdjustmentOptions()
+        options.print_summary = False
+        options.refine_focal_length = options.refine_extra_params = options.refine_principal_point = False
+        options.refine_rig_from_world = options.refine_sensor_from_rig = False
+        options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+        pycolmap.bundle_adjustment(model, options)
+        model.update_point_3d_errors()
+    (folder / "cameras").mkdir()
+    model.write_binary(folder / "cameras")
+
+
+def _model(folder: Path) -> pycolmap.Reconstruction:
+    return pycolmap.Reconstruction(json.loads((folder / "model.json").read_text(encoding="utf-8")))
+
+
+_SHORT = {"transform": transform, "tracks": extract_tracks, "poses": replace_poses}
 
 
 def _tell(**message: object) -> None:
@@ -155,7 +164,7 @@ def _tell(**message: object) -> None:
 
 
 def main(task: str, folder: Path) -> int:
-    """Do the task, `reconstruct` or one of the short ones, in `folder`; the exit code."""
+    """Do the task, `reconstruct` or one of the short ones, in `folder`; return the exit code."""
     pycolmap.logging.minloglevel = 2
     if task in _SHORT:
         _SHORT[task](folder)

@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxmocap.geometry import camera_centres
+
 
 class ViewGeometry(NamedTuple):
     """How well cameras see a point, the person, that every camera sees with one pixel of error.
@@ -31,7 +33,7 @@ def view_geometry(
     subject: Float[np.ndarray, "3"],
 ) -> ViewGeometry:
     """Measure the geometry at one instant; depth is infinite for cameras in one line with the person."""
-    rays = subject - _centres(cam_from_world)
+    rays = subject - camera_centres(cam_from_world)
     distances = np.linalg.norm(rays, axis=1)
     rays = rays / distances[:, None]
     angles = [np.degrees(np.arccos(np.clip(a @ b, -1, 1))) for a, b in combinations(rays, 2)]
@@ -62,10 +64,6 @@ def describe_views(geometry: ViewGeometry) -> str:
 
 def look_at_point(cam_from_world: Float[np.ndarray, "pose 4 4"]) -> Float[np.ndarray, "3"]:
     """Find the point nearest to all optical axes: where the person is when keypoints do not tell."""
-    axes, centres = cam_from_world[:, 2, :3], _centres(cam_from_world)
+    axes, centres = cam_from_world[:, 2, :3], camera_centres(cam_from_world)
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     return np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, centres), rcond=None)[0]
-
-
-def _centres(cam_from_world: np.ndarray) -> np.ndarray:
-    return -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])

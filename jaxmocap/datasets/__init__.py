@@ -1,4 +1,4 @@
-"""Public data sets as captures. Nothing is downloaded: a reader says what to get and under which terms."""
+"""Public data sets as captures. Nothing is downloaded: a reader says what to get and on which terms."""
 
 from pathlib import Path
 from typing import Protocol
@@ -17,15 +17,24 @@ from ._tnt15 import TNT15 as TNT15
 
 
 class DatasetReader(Protocol):
-    """A reader of one data set: what to download, its licence, the sequences in a folder, and one of them."""
+    """A reader of one data set.
+
+    name: of the data set
+    licence: its terms, in words
+    download: where to get it, and what
+    """
 
     name: str
     licence: str
     download: str
 
-    def sequences(self, folder: Path) -> list[str]: ...
+    def sequences(self, folder: Path) -> list[str]:
+        """List the sequences in a folder."""
+        ...
 
-    def read(self, folder: Path, sequence: str, cameras: tuple[str, ...] | None = None) -> RecordedSequence: ...
+    def read(self, folder: Path, sequence: str, cameras: tuple[str, ...] | None = None) -> RecordedSequence:
+        """Read one of them, from the data set's default cameras or from `cameras`."""
+        ...
 
 
 DATASETS: dict[str, DatasetReader] = {"humaneva-1": HUMANEVA_1, "humaneva-2": HUMANEVA_2, "tnt15": TNT15()}
@@ -40,7 +49,7 @@ def import_dataset(
     cameras: tuple[str, ...] | None = None,
     frames: tuple[int, int] | None = None,
 ) -> Path:
-    """Make a capture of one sequence of a data set that lies in `folder`; returns `out`.
+    """Make a capture of one sequence of a data set that lies in `folder`; return `out`.
 
     `dataset` is "humaneva-1", "humaneva-2" or "tnt15"; `sequence` such as "S1/Walking_1" may be left out where there is
     only one; `cameras` replace the paper's; `frames` (start, stop) takes a part. The capture still needs keypoints at a

@@ -20,8 +20,11 @@ _TAKE = re.compile(r"(.+)_\((\w+)\)(\.avi)?$")
 
 
 class HumanEva:
-    """Reads takes of HumanEva I ("S1/Walking_1") or II ("S4/Combo_1"). `cameras` are those used by default: the colour
-    ones."""
+    """A reader of takes of HumanEva I ("S1/Walking_1") or II ("S4/Combo_1").
+
+    name: of the data set
+    cameras: those used by default: the colour ones
+    """
 
     licence = "free for research, after signing its agreement; not to be passed on"
     download = "http://humaneva.is.tue.mpg.de (an account is needed): the subject's whole folder"
@@ -31,7 +34,7 @@ class HumanEva:
         self.cameras = cameras
 
     def sequences(self, folder: Path) -> list[str]:
-        """The takes in `folder`, which holds the subjects' folders."""
+        """List the takes in `folder`, which holds the subjects' folders."""
         found = set()
         for pictures in folder.glob("*/Image_Data/*"):
             if take := _TAKE.match(pictures.name):
@@ -39,7 +42,7 @@ class HumanEva:
         return sorted(found)
 
     def read(self, folder: Path, sequence: str, cameras: tuple[str, ...] | None = None) -> RecordedSequence:
-        """One take. Time is that of the first camera; markers are those of its images."""
+        """Read one take. Time is that of the first camera; markers are those of its images."""
         subject, _, take = sequence.partition("/")
         base = folder / subject
         synchronised = [self._synchronisation(base, take, camera) for camera in cameras or self.cameras]
@@ -69,7 +72,7 @@ class HumanEva:
 
     @staticmethod
     def _begins(image_frame: float, mocap_frame: float, per_image: float) -> float:
-        """Seconds of the motion capture's clock at a camera's first image; frames count from 1."""
+        """Tell the seconds of the motion capture's clock at a camera's first image; frames count from 1."""
         return (mocap_frame - 1 - (image_frame - 1) * per_image) / _MOCAP_FPS
 
     def _markers(self, path: Path, first: float) -> tuple[np.ndarray | None, np.ndarray | None]:
@@ -94,7 +97,7 @@ class HumanEva:
 
 
 def read_calibration(path: Path) -> StaticCalibration:
-    """A `.cal` file, lengths in metres. Raises `InputError` where the numbers cannot be a camera."""
+    """Read a `.cal` file, lengths in metres. Raises `InputError` where the numbers cannot be a camera."""
     values = numbers_in(path, 22)
     (fx, fy), (cx, cy), skew, kc = values[0:2], values[2:4], values[4], values[5:10]
     rotation = values[10:19].reshape(3, 3)

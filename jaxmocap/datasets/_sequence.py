@@ -22,8 +22,13 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm")
 
 @dataclass(frozen=True)
 class StaticCalibration:
-    """A camera that does not move: `intrinsics` with the centre of the first pixel at (0, 0), `distortion` k1 k2 p1 p2
-    k3, `rotation` and `translation` (metres) from the world to the camera."""
+    """A camera that does not move.
+
+    intrinsics: pixels, the centre of the first pixel at (0, 0)
+    distortion: k1 k2 p1 p2 k3, as OpenCV has them
+    rotation: from the world to the camera
+    translation: from the world to the camera, metres
+    """
 
     intrinsics: Float[np.ndarray, "3 3"]
     distortion: Float[np.ndarray, "5"]
@@ -33,8 +38,13 @@ class StaticCalibration:
 
 @dataclass(frozen=True)
 class RecordedCamera:
-    """A camera's name, its pictures (a video, or a folder of images), when they began (seconds, added to their own
-    time), and its calibration."""
+    """What one camera recorded.
+
+    name: of the camera
+    pictures: a video, or a folder of images
+    calibration: of the camera
+    offset: when it began, seconds, added to its own time; 0
+    """
 
     name: str
     pictures: Path
@@ -44,8 +54,16 @@ class RecordedCamera:
 
 @dataclass(frozen=True)
 class RecordedSequence:
-    """What a reader finds. `markers (sample, marker, 3)` are metres in the world, NaN where not seen, at `times`
-    (seconds of the first camera). `up` is the world's vertical axis. `actor` is the subject's mesh, if there is one."""
+    """What a reader finds.
+
+    name: of the capture that it becomes
+    fps: frames per second
+    up: the world's vertical axis, "y" or "z"
+    cameras: and what they recorded
+    markers: metres in the world, NaN where not seen; None where there are none
+    times: of the markers, seconds of the first camera
+    actor: the subject's mesh; None where there is none
+    """
 
     name: str
     fps: float
@@ -57,8 +75,11 @@ class RecordedSequence:
 
 
 def write_sequence(sequence: RecordedSequence, out: Path, frames: tuple[int, int] | None = None) -> Path:
-    """The recording as a capture folder, whole or not at all: videos (copied; folders of images and cut ones encoded
-    with hardly any loss), static cameras, truth, and `capture.toml`. `frames` (start, stop) takes a part."""
+    """Write the recording as a capture folder, whole or not at all; return `out`.
+
+    It holds videos (copied; folders of images and cut ones encoded with hardly any loss), static cameras, truth, and
+    `capture.toml`. `frames` (start, stop) takes a part. Raises `InputError` where `out` holds something already.
+    """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} exists already; choose a new folder for the capture.")
     with atomic_folder(out) as folder:
@@ -136,7 +157,7 @@ def _images(pictures: Path, frames: tuple[int, int] | None):
 
 
 def sorted_pictures(folder: Path) -> list[Path]:
-    """The images of a folder, by the last number in their names."""
+    """List the images of a folder by the last number in their names. Raises `InputError` where there are none."""
     found = [path for path in folder.iterdir() if path.suffix.lower() in _PICTURES]
     if not found:
         raise InputError(f"the folder {folder} holds no pictures ({', '.join(_PICTURES)}).")
@@ -149,14 +170,14 @@ def sorted_pictures(folder: Path) -> list[Path]:
 
 
 def need(path: Path, what: str) -> Path:
-    """The path, if it exists; else one sentence."""
+    """Return the path. Raises `InputError` where it does not exist."""
     if not path.exists():
         raise InputError(f"{path} is not there; {what} was expected.")
     return path
 
 
 def numbers_in(path: Path, count: int | None = None) -> np.ndarray:
-    """The numbers of a text file, commas and line ends alike. `InputError` if there are not `count` of them."""
+    """Read the numbers of a text file, commas and line ends alike. `InputError` if there are fewer than `count`."""
     need(path, "a text file of numbers")
     try:
         found = np.array(path.read_text().replace(",", " ").split(), float)
@@ -168,7 +189,7 @@ def numbers_in(path: Path, count: int | None = None) -> np.ndarray:
 
 
 def named(found: Sequence[str], wanted: str | None, where: Path) -> str:
-    """The sequence asked for, or the only one there is."""
+    """Choose the sequence asked for, or the only one there is. Raises `InputError` where it is not there."""
     if wanted is None and len(found) == 1:
         return found[0]
     if wanted is None or wanted not in found:

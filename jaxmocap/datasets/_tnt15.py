@@ -19,7 +19,7 @@ _FPS = 50.0
 
 
 class TNT15:
-    """Reads recordings of TNT15, by default cameras 0, 2 and 4, which the paper uses."""
+    """A reader of recordings of TNT15, by default of cameras 0, 2 and 4, which the paper uses."""
 
     name = "TNT15"
     licence = "free for research, with citation; see its page"
@@ -27,11 +27,11 @@ class TNT15:
     cameras = ("0", "2", "4")
 
     def sequences(self, folder: Path) -> list[str]:
-        """The recordings in `folder`."""
+        """List the recordings in `folder`."""
         return sorted(path.parent.name for path in folder.glob("*/Images"))
 
     def read(self, folder: Path, sequence: str, cameras: tuple[str, ...] | None = None) -> RecordedSequence:
-        """One recording."""
+        """Read one recording."""
         base = folder / sequence
         found = tuple(
             RecordedCamera(

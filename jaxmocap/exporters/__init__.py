@@ -8,8 +8,14 @@ from jaxmocap.motion import Motion
 from ._bvh import write_bvh as write_bvh
 from ._c3d import write_c3d as write_c3d
 from ._colmap import write_colmap as write_colmap
-from ._export import checked_exporter as checked_exporter, export_motion as export_motion
-from ._exporter import Exporter as Exporter, ExportForm as ExportForm, Units as Units, Up as Up
+from ._exporter import (
+    Exporter as Exporter,
+    ExportForm as ExportForm,
+    Units as Units,
+    Up as Up,
+    checked_exporter as checked_exporter,
+    export_motion as export_motion,
+)
 from ._glb import write_glb as write_glb
 from ._opensim import write_mot as write_mot, write_trc as write_trc
 from ._tables import write_csv as write_csv, write_parquet as write_parquet

@@ -26,14 +26,22 @@ from ._exporter import ExportForm
 
 _SAME = 1e-4
 """Metres by which the vertices of the actor's file may be off those of the tracked character."""
-_SHEAR = 1e-4
+_SHEAR = 1e-4  # by which a joint may stretch unevenly before glTF nodes cannot hold it
 _NOTICED = 1e-3
 """Metres by which the posed mesh may be off before it is said."""
 
 
 class ActorRig(NamedTuple):
-    """A skinned document, the nodes of its joints, and their transforms, in their parents, in every frame. `own` says
-    that it is the actor's own file, and `off` how far its mesh comes to lie from the tracked one at most, metres."""
+    """A skinned document, posed.
+
+    document: the glTF
+    joints: the nodes of its joints
+    scales: of the joints, in their parents
+    rotations: of the joints, in their parents
+    translations: of the joints, in their parents, in the document's units
+    own: whether it is the actor's own file
+    off: how far its mesh comes to lie from the tracked one at most, metres
+    """
 
     document: Document
     joints: tuple[int, ...]
@@ -45,8 +53,11 @@ class ActorRig(NamedTuple):
 
 
 def actor_rig(motion: Motion, form: ExportForm) -> ActorRig:
-    """The actor's own rig, posed. Where its file is gone, or no longer what was tracked, our own joints, and a sentence
-    that says so; `InputError` if the file was named by the user."""
+    """Pose the actor's own rig in every frame.
+
+    Where its file is gone, or no longer what was tracked, our own joints are posed, and a sentence says so; it is an
+    `InputError` if the user named the file.
+    """
     named = form.actor or motion.provenance.get("actor")
     why = "the result names no actor's file"
     if named:
@@ -72,7 +83,7 @@ def actor_rig(motion: Motion, form: ExportForm) -> ActorRig:
 
 
 def _mismatch(character: Character, path: Path) -> str | None:
-    """Why the actor's file cannot be used, if so."""
+    """Say why the actor's file cannot be used; None where it can."""
     if not path.is_file():
         return f"the actor's file {path} is not there"
     try:
@@ -86,7 +97,7 @@ def _mismatch(character: Character, path: Path) -> str | None:
 
 
 def _posed(document: Document, motion: Motion, own: bool) -> ActorRig | None:
-    """The document's nodes in every frame; None where they cannot be written as translation, rotation and scale."""
+    """Pose the document's nodes; None where they cannot be written as translation, rotation and scale."""
     raw, rig = read_rig(document) if own else _own_rig(document)
     nodes = document.content["nodes"]
     still = np.stack([local_matrix(node) for node in nodes])
@@ -111,14 +122,17 @@ def _posed(document: Document, motion: Motion, own: bool) -> ActorRig | None:
 
 
 def _own_rig(document: Document) -> tuple[RawSkin, Rig]:
-    """The rig of a file that `Character.save_glb` wrote, whatever its skeleton: a joint per body, in their order."""
+    """Take the rig of a file that `Character.save_glb` wrote, whatever its skeleton: a joint per body, in their order."""
     raw = read_skin(document)
     return raw, Rig(tuple(range(len(raw.joint_names))), raw.place @ np.linalg.inv(raw.inverse_binds), {}, {}, np.eye(3))
 
 
 def _difference(raw: RawSkin, rig: Rig, motion: Motion) -> float:
-    """How far vertices of the file, moved by its own joints, lie from the tracked ones at most, metres, in some frames.
-    More than rounding only where one joint of the file stands for two of ours, as in a trunk with one joint."""
+    """Measure how far vertices of the file, moved by its own joints, lie from the tracked ones at most, metres.
+
+    It is more than rounding only where one joint of the file stands for two of ours, as in a trunk with one joint.
+    Eight frames are looked at.
+    """
     character = motion.character
     rest = raw.vertices @ rig.rest_from_file.T
     _, nearest = KDTree(np.asarray(character.vertices, np.float64)).query(rest)

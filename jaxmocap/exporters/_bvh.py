@@ -7,15 +7,16 @@ import numpy as np
 from jaxmocap._files import write_text
 from jaxmocap.motion import Motion
 
-from ._euler import best_order, euler_angles
 from ._exporter import ExportForm
-from ._prepare import UPRIGHT
+from ._prepare import UPRIGHT, best_order, euler_angles
 
 _SHORTEST_TIP = 0.05
 
 
 def write_bvh(motion: Motion, path: Path, form: ExportForm) -> None:
-    """The root joint `pelvis` moves by its position in the world; every joint turns in the order of axes that keeps it
+    """Write the skeleton of the tracked body and its Euler angles.
+
+    The root joint `pelvis` moves by its position in the world; every joint turns in the order of axes that keeps it
     farthest from gimbal lock. All angles at zero are the rest pose of the actor, upright, facing z (y, towards -y,
     where z is up). Tips are the farthest points of the mesh.
 
@@ -61,7 +62,7 @@ def write_bvh(motion: Motion, path: Path, form: ExportForm) -> None:
 
 
 def _tip(motion: Motion, body: int, joint: np.ndarray) -> np.ndarray:
-    """From a joint to the farthest vertex that mostly follows its body."""
+    """Find the way from a joint to the farthest vertex that mostly follows its body."""
     vertices = np.asarray(motion.character.vertices, np.float64)
     own = vertices[np.asarray(motion.character.weights)[:, body] > 0.5] - joint
     lengths = np.linalg.norm(own, axis=1)

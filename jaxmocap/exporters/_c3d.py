@@ -17,9 +17,12 @@ _LOST = "; -1 where a joint has no confidence or the person is lost"
 
 
 def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
-    """The joints and landmarks as virtual markers. The residual is the standard deviation of a place along one axis,
-    the root of the mean over the three, where the motion knows its uncertainty. A frame that is lost, and a joint
-    without any confidence, is marked as C3D marks what was not seen, by a residual of -1: most programs show a gap."""
+    """Write the joints and landmarks as virtual markers.
+
+    The residual is the standard deviation of a place along one axis, the root of the mean over the three, where the
+    motion knows its uncertainty. A frame that is lost, and a joint without any confidence, is marked as C3D marks what
+    was not seen, by a residual of -1: most programs show a gap.
+    """
     import ezc3d
 
     confidence = np.where((motion.status == "lost")[:, None], 0.0, motion.confidence.astype(np.float64))

@@ -14,8 +14,11 @@ from ._exporter import ExportForm
 
 
 def write_colmap(motion: Motion, path: Path, form: ExportForm) -> None:
-    """A text model without points. Images of all cameras are called `<camera>/<frame>.png` by the frames of the motion,
-    which are those of the first camera's video. A comment says which unit and vertical axis."""
+    """Write the cameras as a COLMAP text model without points.
+
+    Images of all cameras are called `<camera>/<frame>.png` by the frames of the motion, which are those of the first
+    camera's video. A comment says which unit and vertical axis. Raises `InputError` where the motion has no cameras.
+    """
     if motion.cameras is None:
         raise InputError(f"{form.name} holds cameras, but the motion comes without any; track it again.")
     poses = np.array(motion.cameras.cam_from_world, np.float64)

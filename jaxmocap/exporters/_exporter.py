@@ -1,11 +1,17 @@
-"""What every exporter is: a function that writes a motion, and what its format asks for."""
+"""What every exporter is, what its format asks for, and how one is run on a motion or a result folder."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
-from jaxmocap.motion import Motion
+import numpy as np
+
+from jaxmocap._files import atomic_folder, atomic_path
+from jaxmocap._results import InputError
+from jaxmocap.motion import Motion, continuous, turned
+
+from ._prepare import frame_rate_of, resampled
 
 Units = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
@@ -19,9 +25,15 @@ def _silent(sentence: str) -> None:
 
 @dataclass(frozen=True)
 class ExportForm:
-    """How the file `name` is to be: lengths in `units`, the vertical axis `up`, `frame_rate` frames per second (None
-    where the time between frames varies). `actor` is the character's own file, where one is named; `say` is told
-    what the user should know."""
+    """How a file is to be written.
+
+    name: of the file, for messages
+    units: of lengths, "m", "cm" or "mm"; metres
+    up: the vertical axis, "y" or "z"; y
+    frame_rate: frames per second; None where the time between frames varies
+    actor: the character's own file, where one is named; None
+    say: takes sentences that the user should know; nothing listens by default
+    """
 
     name: str
     units: Units = "m"
@@ -32,17 +44,23 @@ class ExportForm:
 
     @property
     def per_metre(self) -> float:
-        """What lengths in metres are multiplied by."""
+        """Tell what lengths in metres are multiplied by."""
         return PER_METRE[self.units]
 
 
 class Exporter(NamedTuple):
-    """`write(motion, path, form)` writes one file, or a folder where `folder` is true, at a path that is free.
+    """A format: how it is written, and what it asks for.
 
-    The motion comes with the vertical axis and the frame rate of the form and with joint angles that do not jump; only
-    its lengths are still metres. `units` and `up` are what the format is written in where the user does not say (an
-    `up` of None leaves the motion's); `fixed` formats define both. `even` ones need the same time between all frames;
-    `resamples` is false where frames must stay those of the videos.
+    The motion comes to `write` with the vertical axis and the frame rate of the form and with joint angles that do not
+    jump; only its lengths are still metres.
+
+    write: `write(motion, path, form)` writes one file, or a folder, at a path that is free
+    units: of lengths where the user does not say; metres
+    up: the vertical axis where the user does not say; None leaves the motion's
+    fixed: whether the format defines `units` and `up`; no
+    even: whether the time between all frames must be the same; no
+    resamples: whether the frame rate may change, unlike where frames must stay those of the videos; yes
+    folder: whether a folder is written instead of a file; no
     """
 
     write: Callable[[Motion, Path, ExportForm], None]
@@ -52,3 +70,71 @@ class Exporter(NamedTuple):
     even: bool = False
     resamples: bool = True
     folder: bool = False
+
+
+def export_motion(
+    result: Motion | str | Path,
+    path: str | Path,
+    exporters: Mapping[str, Exporter],
+    *,
+    units: Units | None,
+    up: Up | None,
+    frame_rate: float | None,
+    actor: str | Path | None,
+    say: Callable[[str], None] | None,
+) -> ExportForm:
+    """Do what `export` says; return how the file was written."""
+    path = Path(path)
+    exporter = checked_exporter(path, exporters, units, up, frame_rate)
+    motion = result if isinstance(result, Motion) else Motion.load(result)
+    form = ExportForm(path.name, units or exporter.units, up or exporter.up or _up(motion))
+    form = replace(form, actor=None if actor is None else Path(actor), say=say or form.say)
+    motion = continuous(turned(motion, form.up))
+    rate = frame_rate_of(motion)
+    if frame_rate is not None and frame_rate != rate:
+        motion = resampled(motion, frame_rate)
+    elif rate is None and exporter.even:
+        rate = 1 / float(np.mean(np.diff(motion.timestamps)))
+        form.say(f"{path}: the time between frames varies, so poses are interpolated to {rate:.2f} frames per second.")
+        motion = resampled(motion, rate)
+    form = replace(form, frame_rate=frame_rate or rate)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if exporter.folder:
+            with atomic_folder(path) as temporary:
+                exporter.write(motion, temporary, form)
+        else:
+            with atomic_path(path) as temporary:
+                exporter.write(motion, temporary, form)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror or error}); choose another place.") from error
+    return form
+
+
+def checked_exporter(
+    path: Path, exporters: Mapping[str, Exporter], units: str | None, up: str | None, frame_rate: float | None
+) -> Exporter:
+    """Find the exporter of a path. Raises `InputError` where nothing can be written there, or not in this way."""
+    exporter = exporters.get(path.suffix.lower())
+    if exporter is None:
+        found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
+        raise InputError(f"{path} has {found}, which names no format; expected one of {', '.join(exporters)}.")
+    if path.exists():
+        raise InputError(f"{path} exists already; choose a new file.")
+    if units is not None and units not in UNITS:
+        raise InputError(f"units are {units!r}; expected one of {', '.join(UNITS)}.")
+    if up is not None and up not in ("y", "z"):
+        raise InputError(f"up is {up!r}; expected y or z.")
+    if frame_rate is not None and not (np.isfinite(frame_rate) and frame_rate > 0):
+        raise InputError(f"the frame rate is {frame_rate:g}; expected frames per second, more than 0.")
+    given = [("units", units, exporter.units), ("up", up, exporter.up)]
+    for name, value, own in given:
+        if exporter.fixed and value not in (None, own):
+            raise InputError(f"{path}: {path.suffix} files have {name} = {own} by definition; leave {name} out.")
+    if frame_rate is not None and not exporter.resamples:
+        raise InputError(f"{path} has a camera for every frame of the videos; leave the frame rate out.")
+    return exporter
+
+
+def _up(motion: Motion) -> Up:
+    return "z" if motion.up == "z" else "y"

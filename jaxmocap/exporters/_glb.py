@@ -16,12 +16,12 @@ from ._exporter import ExportForm
 
 GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
 """A glTF or USD camera looks along -z with y up; ours along z with y down."""
-_NEAR, _FAR = 0.01, 1000.0
-_STILL = 1e-6
+_NEAR, _FAR = 0.01, 1000.0  # clipping planes, metres
+_STILL = 1e-6  # metres that a joint moves at most where it is not written
 
 
 def write_glb(motion: Motion, path: Path, form: ExportForm) -> None:
-    """One animation of the actor's joints and of all cameras, at the motion's own timestamps.
+    """Write one animation of the actor's joints and of all cameras, at the motion's own timestamps.
 
     The actor's file is taken over whole: names, hierarchy, bind matrices, materials and whatever else it holds; only
     its own animations give way. Joints that do not stand where a rigid bone would put them (a shoulder whose
@@ -64,7 +64,7 @@ class _Clip:
         self._add(node, "rotation", quaternions(matrices))
 
     def move(self, node: int, content: dict[str, Any], places: Float[np.ndarray, "frame 3"]) -> None:
-        """Only where the node does not stay where it stands at rest."""
+        """Write places where the node does not stay where it stands at rest."""
         if np.abs(places - np.array(content.get("translation", [0.0, 0.0, 0.0]))).max() > _STILL:
             self._add(node, "translation", places)
 
@@ -78,14 +78,14 @@ class _Clip:
 
 
 def quaternions(matrices: Float[np.ndarray, "frame 3 3"]) -> Float[np.ndarray, "frame 4"]:
-    """x y z w, each on the side of the one before, so that nothing in between turns the long way round."""
+    """Convert to x y z w, each on the side of the one before, so that nothing in between turns the long way round."""
     found = Rotation.from_matrix(matrices).as_quat()
     turns = np.sum(found[1:] * found[:-1], axis=1) < 0
     return found * np.concatenate([[1.0], np.cumprod(np.where(turns, -1.0, 1.0))])[:, None]
 
 
 def _bare(node: dict[str, Any], scales: Float[np.ndarray, "3"]) -> None:
-    """A joint in separate translation, rotation and scale, as animated nodes must be; the pose it rests in stays."""
+    """Split a joint into translation, rotation and scale, as animated nodes must be; the pose it rests in stays."""
     if "matrix" in node:
         matrix = np.array(node.pop("matrix"), np.float64).reshape(4, 4).T
         scale = np.linalg.norm(matrix[:3, :3], axis=0)
@@ -97,8 +97,10 @@ def _bare(node: dict[str, Any], scales: Float[np.ndarray, "3"]) -> None:
 
 
 def _add_cameras(content: dict[str, Any], clip: _Clip, motion: Motion) -> None:
-    """A perspective camera per view. What glTF has no place for (the principal point, the distortion of the videos as
-    recorded) is in its extras."""
+    """Add a perspective camera per view.
+
+    What glTF has no place for (the principal point, the distortion of the videos as recorded) is in its extras.
+    """
     if motion.cameras is None:
         return
     cameras = motion.cameras
@@ -131,7 +133,7 @@ def _add_cameras(content: dict[str, Any], clip: _Clip, motion: Motion) -> None:
 
 
 def _merged(document: Document, content: dict[str, Any]) -> bytes:
-    """All buffers in one, and images that lie beside the file taken in; `content` is changed to match."""
+    """Merge all buffers into one, and take in images that lie beside the file; `content` is changed to match."""
     data = b""
     starts = []
     for number in range(len(content.get("buffers", []))):

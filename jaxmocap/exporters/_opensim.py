@@ -7,16 +7,15 @@ import numpy as np
 from jaxmocap._files import write_text
 from jaxmocap.motion import Motion
 
-from ._euler import euler_angles
 from ._exporter import ExportForm
-from ._prepare import neutral_angles
+from ._prepare import euler_angles, neutral_angles
 
 _REST_FROM_OPENSIM = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 _PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")
 
 
 def write_trc(motion: Motion, path: Path, form: ExportForm) -> None:
-    """The joints and landmarks as virtual markers at the motion's own times, tabs between columns."""
+    """Write the joints and landmarks as virtual markers at the motion's own times, tabs between columns."""
     rate = form.frame_rate or 30.0
     names, count = motion.joint_names, len(motion)
     labels = [f"{axis}{number}" for number in range(1, len(names) + 1) for axis in "XYZ"]
@@ -37,10 +36,10 @@ def write_trc(motion: Motion, path: Path, form: ExportForm) -> None:
 
 
 def write_mot(motion: Motion, path: Path, form: ExportForm) -> None:
-    """Coordinates at the motion's own times: the pelvis by OpenSim's (tilt, list and rotation, about z, x and y in this
-    order; metres), the joints by our degrees of freedom. Degrees, measured from the neutral body.
+    """Write coordinates at the motion's own times.
 
-    OpenSim's pelvis looks along x; z is its right.
+    The pelvis has OpenSim's (tilt, list and rotation, about z, x and y in this order; metres), the joints have our
+    degrees of freedom, in degrees from the neutral body. OpenSim's pelvis looks along x; z is its right.
     """
     tilt_list_rotation = np.degrees(euler_angles(motion.root[:, :3, :3] @ _REST_FROM_OPENSIM, "ZXY"))
     pelvis = motion.joints[:, motion.joint_names.index("pelvis")].astype(np.float64)

@@ -11,13 +11,12 @@ from jaxmocap._files import write_text
 from jaxmocap._results import InputError
 from jaxmocap.motion import Motion, turned
 
-from ._euler import euler_angles
 from ._exporter import ExportForm
-from ._prepare import neutral_angles
+from ._prepare import euler_angles, neutral_angles
 
 
 def write_csv(motion: Motion, path: Path, form: ExportForm) -> None:
-    """Comma-separated values; units are in the names of the columns."""
+    """Write comma-separated values; units are in the names of the columns."""
     table = columns(motion, form)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -28,7 +27,7 @@ def write_csv(motion: Motion, path: Path, form: ExportForm) -> None:
 
 
 def write_parquet(motion: Motion, path: Path, form: ExportForm) -> None:
-    """The columns of the CSV, with units, vertical axis and frame rate in the metadata of the schema."""
+    """Write the columns of the CSV, with units, vertical axis and frame rate in the metadata of the schema."""
     try:
         import pyarrow
         import pyarrow.parquet
@@ -43,9 +42,12 @@ def write_parquet(motion: Motion, path: Path, form: ExportForm) -> None:
 
 
 def columns(motion: Motion, form: ExportForm) -> dict[str, list[Any]]:
-    """The table by columns: `frame` (of the first camera's video, or counted from 0 if resampled), `seconds`, `status`;
-    the pelvis' turn about the vertical axis (left), tilt forward and lean to its right; the joint angles, degrees from
-    the neutral body; per joint its place and confidence."""
+    """Make the table, by columns.
+
+    These are `frame` (of the first camera's video, or counted from 0 if resampled), `seconds`, `status`; the pelvis'
+    turn about the vertical axis (left), tilt forward and lean to its right, and the joint angles, in degrees from the
+    neutral body; per joint its place and confidence.
+    """
     table: dict[str, list[Any]] = {
         "frame": motion.frames.tolist(),
         "seconds": motion.timestamps.tolist(),

@@ -14,12 +14,12 @@ from ._exporter import ExportForm
 from ._glb import GL_FROM_CV, quaternions
 from ._prepare import UPRIGHT
 
-_APERTURE = 36.0
-_NEAR, _FAR = 0.01, 1000.0
+_APERTURE = 36.0  # horizontal, millimetres: full frame
+_NEAR, _FAR = 0.01, 1000.0  # clipping planes, metres
 
 
 def write_usd(motion: Motion, path: Path, form: ExportForm) -> None:
-    """UsdSkel with time samples at the motion's own timestamps. Unlike glTF, cameras hold the principal point too."""
+    """Write UsdSkel with time samples at the motion's own timestamps; unlike glTF's, cameras have a principal point."""
     try:
         Gf, Sdf, Usd, UsdGeom = _pxr("Gf", "Sdf", "Usd", "UsdGeom")
     except ImportError:
@@ -135,6 +135,6 @@ def _prim_name(name: str) -> str:
 
 
 def _pxr(*names: str) -> tuple[Any, ...]:
-    """Modules of the optional usd-core, which has no types."""
+    """Import modules of the optional usd-core, which has no types."""
     importlib.import_module("pxr")
     return tuple(importlib.import_module(f"pxr.{name}") for name in names)

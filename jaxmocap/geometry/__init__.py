@@ -18,6 +18,7 @@ from ._similarity import (
     IDENTITY as IDENTITY,
     Similarity as Similarity,
     align_cameras as align_cameras,
+    camera_centres as camera_centres,
     camera_residuals as camera_residuals,
     fit_similarity as fit_similarity,
 )

@@ -17,6 +17,13 @@ class Similarity:
     def __call__(self, points: Float[np.ndarray, "*shape 3"]) -> Float[np.ndarray, "*shape 3"]:
         return self.scale * points @ self.rotation.T + self.translation
 
+    def cameras(self, cam_from_source: Float[np.ndarray, "*shape 4 4"]) -> Float[np.ndarray, "*shape 4 4"]:
+        """Move cameras: cam_from_target, with translations in the target's units."""
+        result = np.array(cam_from_source, np.float64)
+        result[..., :3, :3] = cam_from_source[..., :3, :3] @ self.rotation.T
+        result[..., :3, 3] = self.scale * cam_from_source[..., :3, 3] - result[..., :3, :3] @ self.translation
+        return result
+
     @property
     def angle(self) -> float:
         """Angle of the rotation, radians."""
@@ -47,7 +54,7 @@ def align_cameras(source: Float[np.ndarray, "camera 4 4"], target: Float[np.ndar
     translation then fit the centres; without any spread of centres the scale is 1.
     """
     source, target = np.asarray(source, np.float64), np.asarray(target, np.float64)
-    source_centres, target_centres = _centres(source), _centres(target)
+    source_centres, target_centres = camera_centres(source), camera_centres(target)
     source_mean, target_mean = source_centres.mean(0), target_centres.mean(0)
     a, b = source_centres - source_mean, target_centres - target_mean
     spread_a, spread_b = np.sum(a**2), np.sum(b**2)
@@ -62,7 +69,7 @@ def align_cameras(source: Float[np.ndarray, "camera 4 4"], target: Float[np.ndar
 
 def camera_residuals(similarity: Similarity, source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What `align_cameras` leaves: distance of the centres (metres of the target) and angle (radians) per camera."""
-    distance = np.linalg.norm(similarity(_centres(source)) - _centres(target), axis=-1)
+    distance = np.linalg.norm(similarity(camera_centres(source)) - camera_centres(target), axis=-1)
     turned = source[:, :3, :3] @ similarity.rotation.T
     cosine = (np.einsum("nij,nij->n", turned, target[:, :3, :3]) - 1) / 2
     return distance, np.arccos(np.clip(cosine, -1, 1))
@@ -75,5 +82,6 @@ def _procrustes(correlation: np.ndarray) -> tuple[np.ndarray, float]:
     return (left * signs) @ right, float(values @ signs)
 
 
-def _centres(cam_from_world: np.ndarray) -> np.ndarray:
+def camera_centres(cam_from_world: Float[np.ndarray, "camera 4 4"]) -> Float[np.ndarray, "camera 3"]:
+    """Where cameras stand in the world."""
     return -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])

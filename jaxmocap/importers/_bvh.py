@@ -10,9 +10,9 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from jaxmocap._results import InputError
-from jaxmocap.character import RawSkin, rig_of
+from jaxmocap.character import rig_of
 
-from ._clip import JointClip
+from ._clip import JointClip, meshless
 
 _CHANNELS = {f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")}
 _MOST_JOINTS = 1000
@@ -57,7 +57,7 @@ class _File:
         return found
 
     def rest(self) -> Iterator[str]:
-        """All words that are left."""
+        """Return all words that are left."""
         return self._words
 
     def number(self) -> float:
@@ -78,29 +78,20 @@ class _File:
 
 
 def read_bvh(path: Path, mapping: str | Path | Mapping[str, str] | None) -> JointClip:
-    """The clip of a BVH file. Any hierarchy and any order of channels, positions of inner joints included. The pose
-    in which all angles are zero is its rest pose; up is z if that stands along z, else y."""
+    """Read the clip of a BVH file.
+
+    Any hierarchy and any order of channels are read, positions of inner joints included. The pose in which all angles
+    are zero is its rest pose; up is z if that stands along z, else y.
+    """
     file = _File(path)
     joints = _hierarchy(file)
     frames, seconds = _motion(file, joints)
-    parents = tuple(joint.parent for joint in joints)
     places = np.zeros((len(joints), 3))
     for number, joint in enumerate(joints):
         places[number] = joint.offset + (places[joint.parent] if joint.parent >= 0 else 0)
     still = np.tile(np.eye(4), (len(joints), 1, 1))
     still[:, :3, 3] = places
-    raw = RawSkin(
-        vertices=np.zeros((0, 3)),
-        faces=np.zeros((0, 3), int),
-        weights=np.zeros((0, len(joints))),
-        joint_names=tuple(joint.name for joint in joints),
-        joint_parents=parents,
-        joint_places=places,
-        extras={},
-        joint_nodes=tuple(range(len(joints))),
-        place=np.eye(4),
-        inverse_binds=np.linalg.inv(still),
-    )
+    raw = meshless([joint.name for joint in joints], [joint.parent for joint in joints], still)
     rig = rig_of(file, raw, still, mapping)
     up = "z" if rig.rest_from_file[1, 2] > 0.7 else "y"
     return JointClip(rig, _worlds(joints, frames), seconds * np.arange(len(frames)), up)

@@ -9,13 +9,13 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
 from jaxmocap._results import InputError
-from jaxmocap.character import Document, RawSkin, local_matrix, parents_first, parents_of, read_rig, rig_of
+from jaxmocap.character import Document, local_matrix, parents_first, parents_of, read_rig, rig_of
 
-from ._clip import JointClip
+from ._clip import JointClip, meshless
 
 
 def read_glb(path: Path, mapping: str | Path | Mapping[str, str] | None, animation: str | None) -> JointClip:
-    """The animation of this name, or the first one, at the times of all its keys."""
+    """Read the animation of this name, or the first one, at the times of all its keys."""
     document = Document(path)
     try:
         return _read(document, mapping, animation)
@@ -32,7 +32,8 @@ def _read(document: Document, mapping: str | Path | Mapping[str, str] | None, an
         raw, rig = read_rig(document, mapping)
     else:
         still = _worlds([local_matrix(node)[None] for node in nodes], parents)[0]
-        raw = _bare(nodes, parents, still)
+        names = [str(node.get("name", f"joint_{number}")) for number, node in enumerate(nodes)]
+        raw = meshless(names, parents, still)
         rig = rig_of(document, raw, still, mapping)
     chosen = _chosen(document, animation)
     samplers = chosen["samplers"]
@@ -97,19 +98,3 @@ def _worlds(local: list[np.ndarray], parents: list[int]) -> Float[np.ndarray, "f
         if parents[node] >= 0:
             worlds[:, node] = worlds[:, parents[node]] @ worlds[:, node]
     return worlds
-
-
-def _bare(nodes: list[dict[str, Any]], parents: list[int], still: Float[np.ndarray, "node 4 4"]) -> RawSkin:
-    """Nodes as joints of no mesh."""
-    return RawSkin(
-        vertices=np.zeros((0, 3)),
-        faces=np.zeros((0, 3), int),
-        weights=np.zeros((0, len(nodes))),
-        joint_names=tuple(str(node.get("name", f"joint_{number}")) for number, node in enumerate(nodes)),
-        joint_parents=tuple(parents),
-        joint_places=still[:, :3, 3],
-        extras={},
-        joint_nodes=tuple(range(len(nodes))),
-        place=np.eye(4),
-        inverse_binds=np.linalg.inv(still),
-    )

@@ -21,19 +21,26 @@ _CHUNK = 16
 
 
 class Targets(NamedTuple):
-    """Rotations, world from rest, of the bodies that the clip knows (others are not finite), and vectors of bones from
-    the joint of one body to that of another, world, metres."""
+    """What the bodies do in a clip.
+
+    rotations: world from rest, of the bodies; not finite where the clip does not know one
+    bones: names of the landmarks that each bone goes from and to
+    vectors: of the bones, in the world, metres
+    """
 
     rotations: Float[np.ndarray, "frame bone 3 3"]
-    bones: tuple[tuple[str, str], ...]  # landmarks
+    bones: tuple[tuple[str, str], ...]
     vectors: Float[np.ndarray, "frame segment 3"]
 
 
 def joint_angles(
     skeleton: Skeleton, root: Float[np.ndarray, "frame 4 4"], targets: Targets
 ) -> Float[np.ndarray, "frame dof"]:
-    """Angles for given roots, radians: bones point where the clip's do, and bodies turn about them as far as their
-    joints can follow. Least squares from the angles that follow the rotations body by body."""
+    """Solve for joint angles, radians, with given roots (least squares).
+
+    Bones point where the clip's do, and bodies turn about them as far as their joints can follow. The start are the
+    angles that follow the rotations body by body.
+    """
     known = np.isfinite(targets.rotations[0]).all(axis=(1, 2))
     start = _body_by_body(skeleton, root, targets.rotations, known)
     index = [[skeleton.landmark_names.index(name) for name in bone] for bone in targets.bones]
@@ -72,7 +79,7 @@ def _solve(skeleton: Skeleton, rows: Array, bodies: Array, wanted: tuple[Array, 
 def _body_by_body(
     skeleton: Skeleton, root: np.ndarray, rotations: np.ndarray, known: np.ndarray
 ) -> Float[np.ndarray, "frame dof"]:
-    """From the pelvis outwards, the angles of each body's joint that come nearest to its rotation."""
+    """Find, from the pelvis outwards, the angles of each body's joint that come nearest to its rotation."""
     axes = np.asarray(skeleton.axes, np.float64)
     angles = np.zeros((len(root), len(axes)))
     reached = np.tile(np.eye(3), (len(root), len(skeleton.parents), 1, 1))
@@ -92,7 +99,7 @@ def _body_by_body(
 
 
 def _hinges(axes: Float[np.ndarray, "dof 3"], wanted: Float[np.ndarray, "frame 3 3"]) -> Float[np.ndarray, "frame dof"]:
-    """Angles about one to three axes, one after the other, whose rotation is nearest to the wanted one."""
+    """Find angles about one to three axes, one after the other, whose rotation is nearest to the wanted one."""
     if len(axes) == 3 and max(abs(axes[0] @ axes[1]), abs(axes[1] @ axes[2])) < _RIGHT_ANGLE:
         square = axes.copy()  # as exactly at right angles as the decomposition demands
         square[1] -= (square[1] @ square[0]) * square[0]

@@ -5,23 +5,17 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from jaxmocap._results import InputError
-from jaxmocap.character import BODIES, Character, Pose, Skeleton, angles_at_rest, away_from_limits, build_skeleton
+from jaxmocap.character import Character, Pose, angles_at_rest, away_from_limits, build_skeleton
 from jaxmocap.motion import Motion, continuous
 
 from ._bvh import read_bvh
-from ._clip import JointClip
+from ._clip import body_transform, in_metres, targets_of
 from ._glb import read_glb
-from ._joint_angles import Targets, joint_angles
+from ._joint_angles import joint_angles
 
 SUFFIXES = (".bvh", ".glb", ".gltf", ".vrm")
-_NUMBER = {body: number for number, (body, _, _) in enumerate(BODIES)}
-_PARENT = {body: parent for body, parent, _ in BODIES}
-_SAME_PLACE = 1e-3
-"""Metres."""
 
 
 def read_motion(
@@ -32,7 +26,7 @@ def read_motion(
     animation: str | None = None,
     metres_per_unit: float | None = None,
 ) -> Motion:
-    """The motion of a BVH, GLB, glTF or VRM file, as `character` would move.
+    """Read a BVH, GLB, glTF or VRM file as a motion of `character`.
 
     Joints are recognised as by `Character.load`, whose `mapping` this is. The clip's own skeleton is built at its rest
     pose, bones are made to point and bodies to turn as in the clip, and the joint angles, measured from the neutral
@@ -57,10 +51,10 @@ def read_motion(
     character = Character.load(path, mapping) if character is None else character
     if not np.isfinite(found.worlds).all():
         raise InputError(f"{path} has joints whose places are not finite; the file is damaged, export it again.")
-    own = _in_metres(found, character.skeleton, metres_per_unit)
+    own = in_metres(found, character.skeleton, metres_per_unit)
     arm = "wrist7" if "l_wrist_flex" in character.skeleton.dof_names else "cmu7"
     try:
-        skeleton, root, targets = build_skeleton(own.rig.places, arm), _body(own, "pelvis"), _targets(own)
+        skeleton, root, targets = build_skeleton(own.rig.places, arm), body_transform(own, "pelvis"), targets_of(own)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise InputError(f"{path} has joints that make no person ({str(error).rstrip('.')}).") from error
     angles = joint_angles(skeleton, root, targets) + angles_at_rest(skeleton) - angles_at_rest(character.skeleton)
@@ -75,59 +69,3 @@ def read_motion(
     provenance = {"clip": str(path.resolve())} | ({"actor": str(path.resolve())} if own_body else {})
     frames = np.arange(len(placed))
     return continuous(Motion.from_poses(character, poses, frames, own.timestamps, provenance=provenance, up=own.up))
-
-
-def _in_metres(clip: JointClip, skeleton: Skeleton, metres_per_unit: float | None) -> JointClip:
-    places = clip.rig.places
-    if metres_per_unit is None:
-        theirs = {name: np.asarray(skeleton.landmark(name), np.float64) for name in skeleton.landmark_names}
-        metres_per_unit = _legs(theirs) / max(_legs(places), 1e-12)
-    worlds, rests = clip.worlds.copy(), clip.rig.rest_from_joint.copy()
-    worlds[..., :3, 3] *= metres_per_unit
-    rests[..., :3, 3] *= metres_per_unit
-    places = {name: metres_per_unit * place for name, place in places.items()}
-    return clip._replace(worlds=worlds, rig=clip.rig._replace(rest_from_joint=rests, places=places))
-
-
-def _legs(places: Mapping[str, np.ndarray]) -> float:
-    """Length of both legs from hip to ankle."""
-    bones = [(f"{side}_{a}", f"{side}_{b}") for side in "lr" for a, b in (("hip", "knee"), ("knee", "ankle"))]
-    return float(sum(np.linalg.norm(places[a] - places[b]) for a, b in bones))
-
-
-def _body(clip: JointClip, body: str) -> Float[np.ndarray, "frame 4 4"]:
-    """The rigid transform, world from rest, of a body that begins at a joint."""
-    joint = clip.rig.anchors[body]
-    rest = clip.rig.rest_from_joint[joint]
-    moved = (clip.worlds[:, joint] @ np.linalg.inv(rest))[:, :3, :3]
-    rigid = np.tile(np.eye(4), (len(moved), 1, 1))
-    rigid[:, :3, :3] = Rotation.from_matrix(moved / np.cbrt(np.linalg.det(moved))[:, None, None]).as_matrix()
-    rigid[:, :3, 3] = clip.worlds[:, joint, :3, 3] - rigid[:, :3, :3] @ rest[:3, 3]
-    return rigid
-
-
-def _targets(clip: JointClip) -> Targets:
-    """Rotations of all bodies that begin at a joint, and the bones between such joints."""
-    rig, count = clip.rig, len(clip.worlds)
-    rotations = np.full((count, len(BODIES), 3, 3), np.nan)
-    for number, (body, _, _) in enumerate(BODIES):
-        if body in rig.anchors:
-            rotations[:, number] = _body(clip, body)[:, :3, :3]
-    # The joint of a trunk that has only one may lie where ours has the other; then it is no end of a bone.
-    ends = {
-        body: joint
-        for body, _, joint in BODIES
-        if body in rig.anchors
-        and np.linalg.norm(rig.rest_from_joint[rig.anchors[body]][:3, 3] - rig.places[joint]) < _SAME_PLACE
-    }
-    if "abdomen" not in rig.anchors and "chest" not in ends:
-        rotations[:, _NUMBER["abdomen"]] = rotations[:, _NUMBER["chest"]]
-    bones, vectors = [], []
-    for body, above, joint in BODIES[1:]:
-        while above not in ends and above:
-            above = _PARENT[above]
-        if body in ends and above:
-            a, b = rig.anchors[above], rig.anchors[body]
-            bones.append((ends[above], joint))
-            vectors.append(clip.worlds[:, b, :3, 3] - clip.worlds[:, a, :3, 3])
-    return Targets(rotations, tuple(bones), np.stack(vectors, axis=1))

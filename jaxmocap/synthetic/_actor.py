@@ -1,4 +1,4 @@
-"""The synthetic actor: one closed skin over the procedural body, bound to the skeleton of a person."""
+"""The synthetic actor: one closed skin over the procedural body, bound to the skeleton of a person, and its markers."""
 
 from functools import lru_cache
 
@@ -14,7 +14,6 @@ from ._surface_nets import surface_nets
 
 MAX_BONES = 4
 _HINTS = ("knuckles", "fingertips", "thumb")
-
 # Body -> segments (joint names; l_/r_ is put before the side ones) and the radius of the flesh around them.
 _CENTRE_FLESH: dict[str, tuple[list[tuple[str, str]], float]] = {
     "pelvis": ([("pelvis", "spine"), ("l_hip", "r_hip")], 0.105),
@@ -34,8 +33,10 @@ _SIDE_FLESH: dict[str, tuple[list[tuple[str, str]], float]] = {
 
 
 def make_actor(height: float = TEMPLATE_HEIGHT) -> Character:
-    """A person of `height` metres in an A-pose with slightly bent elbows, about 4,900 triangles, at most 4 bones per
-    vertex. The same triangles at every height."""
+    """Make a person of `height` metres in an A-pose with slightly bent elbows.
+
+    The mesh has about 4,900 triangles, the same at every height, and at most 4 bones per vertex.
+    """
     vertices, faces, weights = _template()
     scale = height / TEMPLATE_HEIGHT
     return Character(
@@ -48,7 +49,7 @@ def make_actor(height: float = TEMPLATE_HEIGHT) -> Character:
 
 
 def actor_skeleton(height: float = TEMPLATE_HEIGHT) -> Skeleton:
-    """The actor's skeleton alone, its joints where the anatomy puts them."""
+    """Make the actor's skeleton alone, its joints where the anatomy puts them."""
     scale = height / TEMPLATE_HEIGHT
     return build_skeleton({name: scale * place for name, place in _joints().items() if name[2:] not in _HINTS})
 
@@ -67,7 +68,7 @@ def _template() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _grid() -> Float[np.ndarray, "i j k 3"]:
-    """Grid points whose cells are long where the body is plain, and sheared so that arms run along cells."""
+    """Lay out grid points whose cells are long where the body is plain, and sheared so that arms run along cells."""
     half = _graded(0.0, (0.23, 0.0275), (0.58, 0.039), (0.71, 0.026))
     x = np.concatenate([-half[:0:-1], half])
     y = _graded(-0.03, (0.12, 0.030), (0.86, 0.056), (1.06, 0.036), (1.33, 0.046), (1.48, 0.028), (1.80, 0.029))
@@ -76,7 +77,7 @@ def _grid() -> Float[np.ndarray, "i j k 3"]:
 
 
 def _graded(start: float, *pieces: tuple[float, float]) -> np.ndarray:
-    """Coordinates from `start` through pieces of (end, about this step)."""
+    """Space coordinates from `start` through pieces of (end, about this step)."""
     knots = [np.array([start])]
     for end, step in pieces:
         knots.append(np.linspace(knots[-1][-1], end, max(1, round((end - knots[-1][-1]) / step)) + 1)[1:])
@@ -86,7 +87,7 @@ def _graded(start: float, *pieces: tuple[float, float]) -> np.ndarray:
 def skin_weights(
     skeleton: Skeleton, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
 ) -> Float[np.ndarray, "vertex bone"]:
-    """Weights falling off with the distance to the bones, for template-sized vertices.
+    """Compute skinning weights that fall off with the distance to the bones, for template-sized vertices.
 
     Each vertex belongs to the body whose flesh is nearest and shares with that body's neighbours in the skeleton only,
     so an arm never moves the flank beside it; a few averaging steps along the surface then make the weights smooth.
@@ -111,7 +112,7 @@ def skin_weights(
 
 
 def _flesh_distances(bodies: tuple[str, ...], vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of each vertex to each body's flesh (negative inside), and the radius of that flesh."""
+    """Measure the distance of each vertex to each body's flesh (negative inside), and the radius of that flesh."""
     joints = _joints()
     depth, radii = np.empty((len(vertices), len(bodies))), np.empty(len(bodies))
     for column, body in enumerate(bodies):
@@ -127,3 +128,34 @@ def _to_segment(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.nd
     axis = end - start
     along = np.clip((points - start) @ axis / (axis @ axis), 0, 1)
     return np.linalg.norm(points - start - along[:, None] * axis, axis=1)
+
+
+def bind_markers(
+    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], count: int, seed: int
+) -> tuple[Int[np.ndarray, "marker"], Float[np.ndarray, "marker 3"]]:
+    """Choose `count` points of the skin, spread evenly: their faces and barycentrics.
+
+    Each is the farthest from those before among random points on the surface.
+    """
+    rng = np.random.default_rng([seed, 6])
+    corners = vertices[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    candidates = rng.choice(len(faces), 2000, p=area / area.sum())
+    barycentrics = rng.dirichlet((1.0, 1.0, 1.0), len(candidates))
+    points = np.einsum("nc,ncd->nd", barycentrics, corners[candidates])
+    chosen = [0]
+    distance = np.full(len(points), np.inf)
+    while len(chosen) < count:
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(distance.argmax()))
+    return candidates[chosen], barycentrics[chosen]
+
+
+def marker_positions(
+    vertices: Float[np.ndarray, "frame vertex 3"],
+    faces: Int[np.ndarray, "face 3"],
+    marker_faces: Int[np.ndarray, "marker"],
+    barycentrics: Float[np.ndarray, "marker 3"],
+) -> Float[np.ndarray, "frame marker 3"]:
+    """Place the markers on a moving mesh, metres."""
+    return np.einsum("mc,fmcd->fmd", barycentrics, vertices[:, faces[marker_faces]])

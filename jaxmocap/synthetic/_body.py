@@ -57,19 +57,19 @@ _torso_profile = PchipInterpolator(_TORSO[:, 0], _TORSO[:, 1:])
 
 
 def side_joint(name: str, side: float) -> np.ndarray:
-    """A joint of the left (+1) or right (-1) side."""
+    """Place a joint of the left (+1) or right (-1) side, metres."""
     return np.asarray(SIDE_JOINTS[name]) * (side, 1, 1)
 
 
 def sheared(points: Float[np.ndarray, "*point 3"], direction: float = 1.0) -> Float[np.ndarray, "*point 3"]:
-    """Points raised with their distance from the torso, which makes the sloping arms horizontal; -1 undoes it."""
+    """Raise points with their distance from the torso, which makes the sloping arms horizontal; -1 undoes it."""
     outwards = np.abs(points[..., 0]) - np.asarray(0.178, points.dtype)
     lift = 0.5 * (outwards + np.sqrt(outwards**2 + np.asarray(0.0016, points.dtype)))
     return np.stack([points[..., 0], points[..., 1] + direction * lift, points[..., 2]], axis=-1)
 
 
 def _smooth_min(a: np.ndarray, b: np.ndarray, width: float) -> np.ndarray:
-    """Polynomial smooth minimum: equal to min(a, b) where they differ by more than `width`."""
+    """Take a smooth minimum (polynomial): equal to min(a, b) where they differ by more than `width`."""
     h = np.maximum(width - np.abs(a - b), 0) / width
     return np.minimum(a, b) - 0.25 * width * h**2
 
@@ -84,8 +84,10 @@ def _ellipsoid(points: np.ndarray, centre: tuple[float, float, float], radii: tu
 def _limb(
     points: np.ndarray, start: np.ndarray, end: np.ndarray, radii: list[tuple[float, float]], flat: float = 1.0
 ) -> np.ndarray:
-    """A capsule whose radius follows a profile of (fraction of the length, radius). `flat` thins it across the x axis
-    turned perpendicular to the limb."""
+    """Measure the distance to a capsule whose radius follows a profile of (fraction of the length, radius).
+
+    `flat` thins it across the x axis turned perpendicular to the limb.
+    """
     axis = end - start
     length = np.linalg.norm(axis)
     axis = axis / length
@@ -155,7 +157,7 @@ def _leg(points: np.ndarray, side: float) -> np.ndarray:
 
 
 def skin_distance(points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point"]:
-    """Approximate signed distance of the skin of the 1.75 m template, metres, negative inside."""
+    """Approximate the signed distance of the skin of the 1.75 m template, metres, negative inside."""
     legs = _smooth_min(_leg(points, 1.0), _leg(points, -1.0), 0.03)
     body = _smooth_min(_torso(points), legs, 0.035)
     for side in (1.0, -1.0):

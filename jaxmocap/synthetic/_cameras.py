@@ -9,7 +9,7 @@ _BODY_FRACTION = 0.75
 
 
 def intrinsics_of(size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
-    """Pinhole intrinsics of an image of (width, height)."""
+    """Make pinhole intrinsics of an image of (width, height)."""
     width, height = size
     focal = FOCAL_PER_WIDTH * width
     return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
@@ -25,7 +25,7 @@ def handheld_paths(
     actor_height: float = 1.75,
     view_angle: float = VIEW_ANGLE,
 ) -> Float[np.ndarray, "camera frame 4 4"]:
-    """cam_from_world of cameras `view_angle` radians apart that keep the actor at 75 % of the image height.
+    """Make cam_from_world of cameras `view_angle` radians apart that keep the actor at 75 % of the image height.
 
     `targets` are the actor's places on the ground, which the aim follows. `shake` scales the hands: a drift of
     decimetres, trembling of a few centimetres and about 1 degree; 0 gives tripods that only turn. A path is a function
@@ -48,14 +48,14 @@ def handheld_paths(
 
 
 def _band(rng: np.random.Generator, times: np.ndarray, low: float, high: float, strength: float) -> np.ndarray:
-    """Smooth noise whose frequencies (Hz) lie between two bounds; `strength` is its standard deviation."""
+    """Draw smooth noise whose frequencies (Hz) lie between two bounds; `strength` is its standard deviation."""
     waves = 8
     rates, phases = rng.uniform(low, high, waves), rng.uniform(0, 2 * np.pi, waves)
     return strength * np.sqrt(2 / waves) * np.sin(2 * np.pi * rates * times[:, None] + phases).sum(axis=1)
 
 
 def _look_at(centre: np.ndarray, aim: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Poses (T, 4, 4) looking from centres (T, 3) at aims, then turned about their own axes by small angles (T, 3)."""
+    """Look from centres (T, 3) at aims, then turn poses (T, 4, 4) about their own axes by small angles (T, 3)."""
     forward = aim - centre
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     right = np.cross(forward, [0.0, 1.0, 0.0])

@@ -15,11 +15,10 @@ from jaxmocap.capture import KEYPOINT_NAMES
 from jaxmocap.character import Character, Pose, landmark_positions, skin
 from jaxmocap.motion import Motion
 
-from ._actor import make_actor
+from ._actor import bind_markers, make_actor, marker_positions
 from ._body import TEMPLATE_HEIGHT
 from ._cameras import VIEW_ANGLE, handheld_paths, intrinsics_of
 from ._clothes import Outfit, Style
-from ._markers import bind_markers, marker_positions
 from ._motion import Routine, ground_path, perform, recorded
 from ._render import Rendered, Subject, develop, render_view
 from ._scene import Scenery, make_scene
@@ -32,10 +31,23 @@ _OPENPOSE_PLACES = {"pelvis": "mid_hip"}
 
 @dataclass(frozen=True, eq=False)
 class SyntheticCapture:
-    """A host record. Metres, seconds, y up; `masks` and `poses` are those of each frame's own time.
+    """A synthetic capture in memory; metres, y up.
 
-    `keypoints` are BODY_25 points x, y, confidence with noise at the `selected_frames` only. `markers` are points of
-    the skin, fixed by `marker_faces` and `marker_barycentrics`.
+    name: of the capture
+    fps: frames per second
+    timestamps: of the frames, seconds
+    images: RGB
+    masks: of the actor, at each frame's own time
+    cameras: true ones
+    character: the actor
+    poses: true ones, at each frame's own time, with a leading frame axis
+    markers: true places of points of the skin
+    marker_faces: the face that each marker lies on
+    marker_barycentrics: where on its face
+    joints: true places
+    joint_names: of `joints`
+    selected_frames: those with keypoints
+    keypoints: BODY_25 as x, y, confidence with noise, at the selected frames only; pixels
     """
 
     name: str
@@ -64,11 +76,11 @@ class SyntheticCapture:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the images."""
+        """Tell the (width, height) of the images."""
         return self.images.shape[3], self.images.shape[2]
 
     def pose(self, frame: int) -> Pose:
-        """The true pose at one frame."""
+        """Return the true pose at one frame."""
         return Pose(root=self.poses.root[frame], angles=self.poses.angles[frame])
 
 
@@ -165,7 +177,7 @@ def make_capture(
 def body_25(
     capture: SyntheticCapture, frames: Sequence[int], noise: float
 ) -> Float[np.ndarray, "selected camera 25 3"]:
-    """BODY_25 points of any frames as a detector would give them; `noise` as `keypoint_noise` of `make_capture`."""
+    """Make BODY_25 points of any frames as a detector would; `noise` is the `keypoint_noise` of `make_capture`."""
     paths = np.asarray(capture.cameras.cam_from_world, np.float64)
     joints = capture.joints.astype(np.float64)
     return _keypoints(joints, capture.joint_names, paths, capture.size, tuple(frames), noise, seed=0)
@@ -205,8 +217,10 @@ def _film(
     sensor_noise: float,
     illumination_change: float,
 ) -> tuple[UInt8[np.ndarray, "frame camera height width 3"], Bool[np.ndarray, "frame camera height width"]]:
-    """Images and masks from `draw(camera, instant)`; a frame's instants are its own time and then, if there are several
-    sub-frames, those the image is the mean of."""
+    """Film images and masks with `draw(camera, instant)`.
+
+    A frame's instants are its own time and then, if there are several sub-frames, those the image is the mean of.
+    """
     images, masks = [], []
     for frame in range(num_frames):
         gain = 1 + illumination_change * np.sin(2 * np.pi * frame / max(num_frames, 2))
@@ -232,7 +246,7 @@ def _keypoints(
     noise: float,
     seed: int,
 ) -> np.ndarray:
-    """BODY_25 points of the selected frames as a detector would give them, confidence 1."""
+    """Make BODY_25 points of the selected frames as a detector would, confidence 1."""
     columns = [names.index(_OPENPOSE_PLACES.get(name, name)) for name in KEYPOINT_NAMES]
     intrinsics = intrinsics_of(size)
     points = np.ones((len(selected), len(paths), len(columns), 3))

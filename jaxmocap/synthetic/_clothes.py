@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ._body import SIDE_JOINTS, sheared
-from ._noise import noise_volume, sample_noise
+from ._textures import noise_volume, sample_noise
 
 Style = Literal["patterned", "uniform", "plain sleeves"]
 
@@ -26,10 +26,13 @@ _SHOES = _f32((0.50, 0.22, 0.14))
 
 @dataclass(frozen=True)
 class Outfit:
-    """A seeded set of clothes. "patterned": striped and blotched shirt with short sleeves, mottled trousers; "uniform":
-    shirt with long sleeves and trousers of one plain colour each, so that arms in front of the torso hardly show;
-    "plain sleeves": the patterned shirt with long sleeves of one plain colour, along which nothing tells where the
-    elbow is."""
+    """A seeded set of clothes.
+
+    noise: the grain of the cloth
+    style: "patterned": striped and blotched shirt with short sleeves, mottled trousers; "uniform": shirt with long
+        sleeves and trousers of one plain colour each, so that arms in front of the torso hardly show; "plain sleeves":
+        the patterned shirt with long sleeves of one plain colour, along which nothing tells where the elbow is
+    """
 
     noise: Float[np.ndarray, "n n n"]
     style: Style = "patterned"
@@ -39,7 +42,7 @@ class Outfit:
         return cls(noise_volume(np.random.default_rng([seed, 2])), style)
 
     def colours(self, points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 3"]:
-        """RGB in [0, 1], whose square is the reflectance, at points of the 1.75 m template's skin at rest."""
+        """Colour points of the 1.75 m template's skin at rest: RGB in [0, 1], whose square is the reflectance."""
         points = points.astype(np.float32)
         side, height = np.abs(points[:, 0]), points[:, 1]
         straight = sheared(points)[:, 1]
@@ -110,5 +113,5 @@ class Outfit:
 
 
 def _step(value: np.ndarray, width: float) -> np.ndarray:
-    """0 below -width, 1 above +width, straight between."""
+    """Rise from 0 below -width to 1 above +width, straight between."""
     return np.clip(np.float32(0.5) + value / np.float32(2 * width), 0, 1)

@@ -76,12 +76,12 @@ _SWAY: dict[str, list[tuple[float, float, float]]] = {
 
 
 def dance(skeleton: Skeleton, times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Pose:
-    """`perform` of "dance"."""
+    """Dance: `perform` the routine "dance"."""
     return perform("dance", skeleton, times, scale)
 
 
 def perform(routine: Routine, skeleton: Skeleton, times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Pose:
-    """Poses at any times (seconds), with a leading frame axis; all joint angles stay inside the skeleton's limits.
+    """Make poses at any times (seconds), with a leading frame axis; joint angles stay inside the skeleton's limits.
 
     "dance" steps in place, "crossing arms" sweeps both forearms before the torso, "bending arm" bends and stretches one
     arm. `scale` multiplies every amplitude, 1 giving up to about 2.5 m/s at the dancer's hands. The lowest point of
@@ -108,15 +108,18 @@ def perform(routine: Routine, skeleton: Skeleton, times: Float[np.ndarray, "fram
 
 
 def ground_path(times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Float[np.ndarray, "frame 3"]:
-    """Where the actor stands: the root sway alone, on the ground."""
+    """Tell where the actor stands: the root sway alone, on the ground."""
     times = np.asarray(times, float)
     sway = [scale * _waves(_SWAY[name], times) for name in ("root_tx", "root_tz")]
     return np.stack([sway[0], np.zeros_like(times), sway[1]], axis=1)
 
 
 def recorded(motion: Motion, times: Float[np.ndarray, "frame"]) -> tuple[Pose, Float[np.ndarray, "frame 3"]]:
-    """The poses of a motion at any times (seconds after its first frame), its path's middle moved to the origin, and
-    where the actor then stands, as `ground_path`. Before its beginning and after its end it stands still."""
+    """Take the poses of a motion at any times (seconds after its first frame), and where the actor then stands.
+
+    The middle of its path is moved to the origin; the path is as of `ground_path`. Before its beginning and after its
+    end the actor stands still.
+    """
     motion = continuous(turned(motion, "y"))
     own = motion.timestamps - motion.timestamps[0]
     asked, back = np.unique(np.clip(times, own[0], own[-1]), return_inverse=True)
@@ -138,8 +141,11 @@ def _waves(waves: list[tuple[float, float, float]], times: np.ndarray) -> np.nda
 
 @eqx.filter_jit
 def _standing(skeleton: Skeleton, vector: Float[jax.Array, " dof"]) -> Pose:
-    """The pose, raised or lowered so that a flat foot stands on the ground; within half a centimetre, smoothly, where
-    the weight goes over to the other foot or only a toe or heel touches."""
+    """Raise or lower a pose so that a flat foot stands on the ground.
+
+    Where the weight goes over to the other foot, or only a toe or heel touches, it does within half a centimetre,
+    smoothly.
+    """
     feet = jnp.array([i for i, name in enumerate(skeleton.landmark_names) if name.endswith(("_toe", "_heel"))])
     pose = pose_from_vector(skeleton, vector)
     heights = landmark_positions(skeleton, pose)[feet, 1] - skeleton.landmarks[feet, 1]

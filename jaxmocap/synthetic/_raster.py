@@ -8,8 +8,13 @@ from jaxtyping import Float, Int
 
 @dataclass(frozen=True)
 class Fragments:
-    """The visible samples of a mesh: flat index into (height, width), face, perspective-correct barycentrics of its
-    corners, and inverse depth (1/m)."""
+    """The visible samples of a mesh.
+
+    index: flat, into (height, width)
+    face: that is seen
+    barycentric: perspective-correct, of its corners
+    inverse_depth: 1/m
+    """
 
     index: Int[np.ndarray, "sample"]
     face: Int[np.ndarray, "sample"]
@@ -17,7 +22,7 @@ class Fragments:
     inverse_depth: Float[np.ndarray, "sample"]
 
     def interpolate(self, faces: Int[np.ndarray, "face 3"], values: np.ndarray) -> np.ndarray:
-        """Values per vertex carried to the samples."""
+        """Interpolate values per vertex to the samples."""
         corners = values[faces[self.face]]
         return np.einsum("sc,sc...->s...", self.barycentric, corners)
 
@@ -29,7 +34,7 @@ def visible_fragments(
     size: tuple[int, int],
     near: float = 0.05,
 ) -> Fragments:
-    """The nearest face turned to the camera at the centre of every pixel.
+    """Find the nearest face turned to the camera at the centre of every pixel.
 
     `camera_points` are in camera coordinates (metres), `size` is (width, height). Faces are counter-clockwise seen from
     outside; those turned away, or with a corner nearer than `near`, are left out. Faces are handled in groups of
@@ -67,7 +72,7 @@ def visible_fragments(
 def _windows(
     which: np.ndarray, corners: np.ndarray, area: np.ndarray, first: np.ndarray, last: np.ndarray, size: int
 ) -> np.ndarray:
-    """Rows (x, y, face, three screen barycentrics) of the pixel centres inside each face's window."""
+    """List pixel centres inside the faces of a group, as rows (x, y, face, three screen barycentrics)."""
     offset = np.arange(size)
     x = first[:, 0, None, None] + offset[None, None, :]
     y = first[:, 1, None, None] + offset[None, :, None]

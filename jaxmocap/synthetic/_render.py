@@ -17,7 +17,12 @@ _SHADOW_TEXEL = 0.02
 
 @dataclass(frozen=True)
 class Subject:
-    """What is drawn of the actor: rest positions in template size (for the colours), triangles and clothes."""
+    """What is drawn of the actor.
+
+    rest: vertices at rest in template size, for the colours
+    faces: triangles
+    outfit: clothes
+    """
 
     rest: Float[np.ndarray, "vertex 3"]
     faces: Int[np.ndarray, "face 3"]
@@ -26,7 +31,11 @@ class Subject:
 
 @dataclass(frozen=True)
 class Rendered:
-    """`light`: linear RGB before the sensor; `ids`: the actor's face at each pixel centre, -1 elsewhere."""
+    """A drawn view.
+
+    light: linear RGB before the sensor
+    ids: the actor's face at each pixel centre, -1 elsewhere
+    """
 
     light: Float[np.ndarray, "height width 3"]
     ids: Int[np.ndarray, "height width"]
@@ -69,7 +78,10 @@ def render_view(
 def develop(
     light: Float[np.ndarray, "height width 3"], rng: np.random.Generator, gain: float = 1.0, noise: float = 0.006
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The sensor: gain, square-root response, and noise, `noise` of full scale at mid grey and more in shadows."""
+    """Turn light into an image as a sensor does: gain, square-root response, and noise.
+
+    The standard deviation of the noise is `noise` of full scale at mid grey and more in shadows.
+    """
     values = np.sqrt(np.clip(np.float32(gain) * light, 0, 1))
     grain = rng.standard_normal(values.shape, dtype=np.float32)
     values = values + np.float32(noise) * grain * (np.float32(1.4) - values)
@@ -77,14 +89,16 @@ def develop(
 
 
 def illumination(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point"]:
-    """Lambert's law under the sun plus a sky that is brighter above than the ground is below."""
+    """Light normals by Lambert's law under the sun, plus a sky that is brighter above than the ground is below."""
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return (AMBIENT * (0.85 + 0.25 * normals[:, 1]) + DIRECT * np.maximum(0, normals @ SUN)).astype(np.float32)
 
 
 def ground_shadow(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> GroundShadow:
-    """The actor's soft shadow on y = 0: every triangle carried along the sun's rays, and a contact blob right under
-    what is close to the ground."""
+    """Cast the actor's soft shadow on y = 0.
+
+    Every triangle is carried along the sun's rays; right under what is close to the ground there is a contact shadow.
+    """
     height = np.maximum(vertices[:, 1], 0)
     cast = (vertices - height[:, None] / SUN[1] * SUN)[:, [0, 2]]
     low = cast.min(axis=0) - 0.3
@@ -104,7 +118,7 @@ def _turned_up(ground: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _fill(triangles: np.ndarray, values: np.ndarray, low: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Triangles (n, 3, 2) in metres drawn in order into a map, each with its value."""
+    """Draw triangles (n, 3, 2) in metres in order into a map, each with its value."""
     image = np.zeros(shape, np.float32)
     fixed = np.rint(16 * ((triangles - low) / _SHADOW_TEXEL - 0.5)).astype(np.int32)
     for triangle, value in zip(fixed, values, strict=True):

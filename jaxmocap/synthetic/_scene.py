@@ -23,8 +23,15 @@ _PAD = 2
 
 @dataclass(frozen=True)
 class Panel:
-    """A textured rectangle: `corner` is the picture's top left, `right` and `down` its edges in metres, `pyramid` its
-    picture at halving sizes side by side, `light` what Lambert's law leaves of it."""
+    """A textured rectangle.
+
+    corner: top left of the picture, metres
+    right: its upper edge, metres
+    down: its left edge, metres
+    pyramid: its picture at halving sizes
+    light: what Lambert's law leaves of the picture
+    takes_shadow: whether the actor's shadow falls on it; no
+    """
 
     corner: Float[np.ndarray, "3"]
     right: Float[np.ndarray, "3"]
@@ -36,7 +43,12 @@ class Panel:
 
 @dataclass(frozen=True)
 class Pyramid:
-    """One picture at halving sizes in one uint8 atlas: `starts` and `sizes` of the levels, both (x, y)."""
+    """One picture at halving sizes.
+
+    atlas: all levels side by side, RGB, uint8
+    starts: top left corners of the levels in the atlas, (x, y)
+    sizes: of the levels, (x, y)
+    """
 
     atlas: np.ndarray
     starts: Float[np.ndarray, "level 2"]
@@ -78,7 +90,7 @@ def _panel(corner, right, down, picture: Picture, takes_shadow: bool = False, li
 
 
 def _box(rng: np.random.Generator, x: float, z: float, size: tuple[float, float, float], colour) -> list[Panel]:
-    """The four sides and the top of a crate or post standing at (x, z); size is (width, height, depth)."""
+    """Build the four sides and the top of a crate or post standing at (x, z); size is (width, height, depth)."""
     w, h, d = size
     texel = 0.012
     side = lambda length: crate(rng, (length, h), texel, colour)  # noqa: E731
@@ -97,7 +109,7 @@ def _ground(
     boxes: list[tuple[float, float, tuple[float, float, float]]],
     colour: tuple[float, float, float],
 ) -> list[Panel]:
-    """The pavement with the boxes' cast shadows painted in, and a coarser one out to the horizon."""
+    """Build the pavement with the boxes' cast shadows painted in, and a coarser one out to the horizon."""
     half = GROUND_SIZE / 2
     picture = bricks(rng, (GROUND_SIZE, GROUND_SIZE), _GROUND_TEXEL, (0.42, 0.28), colour, joint=0.022)
     shade = np.zeros(picture.shape[:2], np.float32)
@@ -119,8 +131,10 @@ def _ground(
 
 @lru_cache(maxsize=2)
 def make_scene(seed: int = 0, scenery: Scenery = "bricks") -> Scene:
-    """The square the actor moves in: pavement, three walls 5 to 11 m behind or beside, crates and posts between. In the
-    "skin" scenery ground and walls are bricks in the colour of the actor's arms."""
+    """Build the square the actor moves in: pavement, three walls 5 to 11 m behind or beside, crates and posts between.
+
+    In the "skin" scenery ground and walls are bricks in the colour of the actor's arms.
+    """
     rng = np.random.default_rng([seed, 1])
     boxes = [
         (1.75, -1.9, (0.62, 0.62, 0.62)),
@@ -149,7 +163,12 @@ def make_scene(seed: int = 0, scenery: Scenery = "bricks") -> Scene:
 
 @dataclass(frozen=True)
 class GroundShadow:
-    """Darkness in [0, 1] of the ground by the actor: rows of `image` run along z, columns along x, from `corner`."""
+    """The actor's shadow on the ground.
+
+    image: darkness in [0, 1]; rows run along z, columns along x
+    corner: where the image begins, (x, z), metres
+    texel: metres
+    """
 
     image: np.ndarray
     corner: tuple[float, float]
@@ -163,7 +182,7 @@ def render_scene(
     size: tuple[int, int],
     shadow: GroundShadow | None = None,
 ) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width"]]:
-    """Every panel by ray-plane intersection: linear light (float32) and inverse depth (1/m), one ray per pixel centre.
+    """Draw every panel by ray-plane intersection, one ray per pixel centre: linear light and inverse depth (1/m).
 
     `size` is (width, height). Pictures are read at the pyramid level whose texels are as large as the ray's footprint.
     """
@@ -187,7 +206,7 @@ def render_scene(
 
 
 def _homography(panel: Panel, intrinsics: np.ndarray, cam_from_world: np.ndarray) -> np.ndarray | None:
-    """3 x 3 from pixel (x, y, 1) to (s, t, 1) times the inverse depth, or None where the panel is seen edge on."""
+    """Map pixel (x, y, 1) to (s, t, 1) times the inverse depth (3 x 3); None where the panel is seen edge on."""
     rotation, translation = cam_from_world[:3, :3], cam_from_world[:3, 3]
     plane = np.stack([rotation @ panel.right, rotation @ panel.down, rotation @ panel.corner + translation], axis=1)
     return None if abs(np.linalg.det(plane)) < 1e-9 else np.linalg.inv(intrinsics @ plane)
@@ -218,7 +237,7 @@ def _shade(
     inverse_depth: np.ndarray,
     shadow: GroundShadow | None,
 ) -> np.ndarray:
-    """Linear light of the given pixels of one panel."""
+    """Compute the linear light of the given pixels of one panel."""
     ys, xs = np.divmod(pixels.astype(np.int32), np.int32(width))
     xs, ys = xs.astype(np.float32) + np.float32(0.5), ys.astype(np.float32) + np.float32(0.5)
     depth = 1 / inverse_depth
@@ -240,7 +259,7 @@ def _shade(
 
 
 def _lookup(picture: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Bilinear values of a picture at (n, 2) places in texels, 0 outside."""
+    """Interpolate a picture bilinearly at (n, 2) places in texels; 0 outside."""
     columns = 1024
     rows = -(-len(at) // columns)
     padded = np.zeros((2, rows * columns), np.float32)
@@ -251,7 +270,7 @@ def _lookup(picture: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _window(plane: np.ndarray, intrinsics: np.ndarray, shape: tuple[int, int]) -> tuple[int, int, int, int] | None:
-    """The pixel box around the part of a panel in front of the camera, or None."""
+    """Bound the part of a panel in front of the camera by a pixel box, or None."""
     st = np.array([(0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], float)
     corners = st @ plane.T
     kept = []

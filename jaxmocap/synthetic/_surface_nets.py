@@ -12,9 +12,9 @@ SignedDistance = Callable[[Float[np.ndarray, "point 3"]], Float[np.ndarray, "poi
 def surface_nets(
     distance: SignedDistance, corners: Float[np.ndarray, "i j k 3"], relaxations: int = 8
 ) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
-    """The zero level of a signed distance (negative inside) on a grid of hexahedra, as a closed mesh whose faces are
-    counter-clockwise seen from outside.
+    """Mesh the zero level of a signed distance (negative inside) on a grid of hexahedra.
 
+    The mesh is closed, its faces counter-clockwise seen from outside.
     `corners` are the grid points, right-handed in (i, j, k); the grid may be bent and must contain the whole surface.
     After the nets are built the vertices are evened out along the surface and projected back onto it `relaxations`
     times. The mesh is a manifold where the surface is resolved: every gap and part at least about one cell wide.
@@ -27,7 +27,7 @@ def surface_nets(
 
 
 def _nets(values: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One vertex per cell with corners on both sides, at the mean of its edge crossings; one quad per crossed edge."""
+    """Put a vertex in each cell with corners on both sides, at the mean of its edge crossings, a quad on each edge."""
     inside = values < 0
     cells = tuple(size - 1 for size in values.shape)
     total, count, quads = np.zeros((*cells, 3)), np.zeros(cells, int), []
@@ -70,7 +70,7 @@ def _relax(
 
 
 def _project(distance: SignedDistance, points: np.ndarray, step: float) -> np.ndarray:
-    """One Newton step onto the surface, at most half a cell long."""
+    """Take one Newton step onto the surface, at most half a cell long."""
     value, width = distance(points), 1e-3 * step
     slope = np.stack([distance(points + shift) - value for shift in width * np.eye(3)], axis=1) / width
     move = -value[:, None] * slope / np.maximum((slope**2).sum(axis=1, keepdims=True), 1e-6)
@@ -79,7 +79,7 @@ def _project(distance: SignedDistance, points: np.ndarray, step: float) -> np.nd
 
 
 def _split(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """Two triangles per quad, along its shorter diagonal; along the other one where that edge is already taken."""
+    """Split each quad along its shorter diagonal, or along the other one where that edge is already taken."""
     corner = vertices[quads]
     first = np.linalg.norm(corner[:, 0] - corner[:, 2], axis=1)
     second = np.linalg.norm(corner[:, 1] - corner[:, 3], axis=1)

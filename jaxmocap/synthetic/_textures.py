@@ -1,13 +1,63 @@
-"""Procedural pictures for the static scene. Colours are RGB in [0, 1] whose square is the reflectance."""
+"""Procedural pictures for the static scene, and the seeded noise that is the grain of every synthetic surface.
+
+Colours are RGB in [0, 1] whose square is the reflectance.
+"""
 
 import cv2
 import numpy as np
 from jaxtyping import Float
+from scipy import ndimage
 
-from ._noise import noise_image
+_LATTICE = 24  # cells in a period of the noise
+_FINE = 4  # samples per cell
 
 Picture = Float[np.ndarray, "height width 3"]
 Colour = tuple[float, float, float]
+
+
+def noise_volume(rng: np.random.Generator) -> Float[np.ndarray, "n n n"]:
+    """Draw smooth noise with period 24 cells and features about one cell wide, mean 0, standard deviation 1."""
+    coarse = rng.standard_normal((_LATTICE,) * 3)
+    at = np.arange(_LATTICE * _FINE) / _FINE
+    for axis in range(3):
+        coarse = _interpolate(coarse, at, axis)
+    return ((coarse - coarse.mean()) / coarse.std()).astype(np.float32)
+
+
+def _interpolate(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
+    """Interpolate along one axis, periodically and smoothed by a quintic."""
+    low = np.floor(at).astype(int)
+    t = at - low
+    t = t**3 * (t * (6 * t - 15) + 10)
+    shape = [1] * values.ndim
+    shape[axis] = -1
+    t = t.reshape(shape)
+    n = values.shape[axis]
+    return (1 - t) * np.take(values, low % n, axis) + t * np.take(values, (low + 1) % n, axis)
+
+
+def sample_noise(
+    volume: Float[np.ndarray, "n n n"], points: Float[np.ndarray, "point 3"], size: float
+) -> Float[np.ndarray, "point"]:
+    """Sample noise at points, its features `size` metres wide."""
+    at = (points.T * np.float32(_FINE / size)).astype(np.float32)
+    return ndimage.map_coordinates(volume, at, order=1, mode="grid-wrap", output=np.float32)
+
+
+def noise_image(
+    rng: np.random.Generator, shape: tuple[int, int], cells: tuple[float, float], octaves: int = 1
+) -> Float[np.ndarray, "height width"]:
+    """Draw a smooth noise image, mean 0, standard deviation 1.
+
+    It has about `cells` features down and across in the first octave; each further octave has half their size and half
+    their strength.
+    """
+    total = np.zeros(shape, np.float32)
+    for octave in range(octaves):
+        lattice = rng.standard_normal([max(2, round(c * 2**octave)) for c in cells], dtype=np.float32)
+        layer = cv2.resize(lattice, shape[::-1], interpolation=cv2.INTER_CUBIC)
+        total += np.float32(0.5**octave) * layer
+    return (total - total.mean()) / total.std()
 
 
 def bricks(
@@ -19,8 +69,10 @@ def bricks(
     joint: float = 0.012,
     spread: float = 0.07,
 ) -> Picture:
-    """A running bond of `brick` = (width, height) metres on a wall or pavement of `size` metres, each brick its own
-    colour; `resolution` is metres per texel."""
+    """Paint a running bond of `brick` = (width, height) metres on a wall or pavement of `size` metres.
+
+    Each brick has its own colour; `resolution` is metres per texel.
+    """
     width, height = (max(8, round(s / resolution)) for s in size)
     y, x = np.mgrid[0:height, 0:width].astype(np.float32) * np.float32(resolution)
     row = np.floor(y / brick[1]).astype(int)
@@ -42,7 +94,7 @@ def bricks(
 
 
 def add_posters(rng: np.random.Generator, picture: Picture, resolution: float, count: int) -> Picture:
-    """Coloured posters of random shapes at eye height of a wall picture whose last row is the ground."""
+    """Paint coloured posters of random shapes at eye height of a wall picture whose last row is the ground."""
     picture = picture.copy()
     height, width = picture.shape[:2]
     for _ in range(count):
@@ -63,7 +115,7 @@ def add_posters(rng: np.random.Generator, picture: Picture, resolution: float, c
 
 
 def add_windows(picture: Picture, resolution: float, spacing: float) -> Picture:
-    """Dark framed windows in a regular row near the top of a wall picture."""
+    """Paint dark framed windows in a regular row near the top of a wall picture."""
     picture = picture.copy()
     width = picture.shape[1]
     across, tall, top = (round(length / resolution) for length in (0.9, 1.1, 0.5))
@@ -78,7 +130,7 @@ def add_windows(picture: Picture, resolution: float, spacing: float) -> Picture:
 
 
 def crate(rng: np.random.Generator, size: tuple[float, float], resolution: float, colour: Colour) -> Picture:
-    """A box side: blotches of two colours inside a frame."""
+    """Paint a box side: blotches of two colours inside a frame."""
     width, height = (max(8, round(s / resolution)) for s in size)
     cells = (size[1] / 0.12, size[0] / 0.12)
     blotch = noise_image(rng, (height, width), cells, octaves=3)
@@ -94,7 +146,7 @@ def crate(rng: np.random.Generator, size: tuple[float, float], resolution: float
 
 
 def sky(rng: np.random.Generator, shape: tuple[int, int]) -> Picture:
-    """Blue above, pale at the horizon, with clouds."""
+    """Paint a sky, blue above, pale at the horizon, with clouds."""
     down = np.linspace(0, 1, shape[0], dtype=np.float32)[:, None, None] ** 1.5
     blue = (1 - down) * np.asarray((0.42, 0.62, 0.90)) + down * np.asarray((0.86, 0.90, 0.94))
     clouds = np.clip(0.55 * noise_image(rng, shape, (5, 12), octaves=5), 0, 1)[..., None]

@@ -1,8 +1,6 @@
 """A synthetic capture as a folder on disk, laid out like any other capture."""
 
 import json
-import shutil
-import tempfile
 from fractions import Fraction
 from pathlib import Path
 
@@ -11,6 +9,7 @@ import cv2
 import jax
 import numpy as np
 
+from jaxmocap._files import atomic_folder
 from jaxmocap.camera import write_colmap_text
 from jaxmocap.character import pose_vector
 
@@ -20,24 +19,16 @@ _CRF = 14
 
 
 def write_capture(capture: SyntheticCapture, folder: str | Path) -> Path:
-    """Write `capture.toml`, H.264 videos, the camera model, the actor, keypoints and masks at the selected frames, and
-    `truth.npz`; returns the folder.
+    """Write a synthetic capture to a folder, whole or not at all; return the folder.
 
-    All or nothing: the files appear under `folder` only when every one is complete. Raises `FileExistsError` if
-    `folder` exists and is not empty.
+    It holds `capture.toml`, H.264 videos, the camera model, the actor, keypoints and masks at the selected frames, and
+    `truth.npz`. Raises `FileExistsError` if `folder` exists and is not empty.
     """
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise FileExistsError(f"{folder} exists already; choose a new folder for the synthetic capture.")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    try:
+    with atomic_folder(folder) as partial:
         _write_into(capture, partial)
-        partial.chmod(0o755)
-        partial.replace(folder)
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
     return folder
 
 
@@ -90,8 +81,10 @@ truth = "truth.npz"            # for evaluation only
 
 
 def _write_video(path: Path, images: np.ndarray, fps: float) -> None:
-    """H.264 of high quality; frame i is shown at i / fps. The same images give the same bytes: x264's macroblock tree,
-    which reads memory that nobody has set, is off."""
+    """Write H.264 of high quality; frame i is shown at i / fps.
+
+    The same images give the same bytes: x264's macroblock tree, which reads memory that nobody has set, is off.
+    """
     rate = Fraction(fps).limit_denominator(1001)
     options = {"crf": str(_CRF), "preset": "medium", "x264-params": "mbtree=0"}
     with av.open(str(path), "w") as container:

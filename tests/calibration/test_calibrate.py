@@ -15,7 +15,7 @@ from jaxmocap._cli import run
 from jaxmocap._results import InputError
 from jaxmocap.calibration import calibrate
 from jaxmocap.calibration._child import run_worker
-from jaxmocap.calibration._job import footage_of
+from jaxmocap.calibration._footage import footage_of
 from jaxmocap.calibration._matching import match_key_frames
 from jaxmocap.calibration._trajectory import find_outliers
 from jaxmocap.capture import Capture, with_cameras_line

@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from jaxmocap.calibration._focal import guess_focal
+from jaxmocap.calibration._footage import guess_focal
 
 SIZE = (160, 90)
 DIAGONAL = float(np.hypot(*SIZE))

@@ -6,8 +6,7 @@ from joint_world import World, make_world
 from scipy.spatial.transform import Rotation
 
 from jaxmocap.calibration._joint_adjustment import Adjusted, JointPriors, _derivatives, adjust_together, unadjusted
-from jaxmocap.calibration._joint_scene import predict
-from jaxmocap.calibration._path_knots import moved, place_knots
+from jaxmocap.calibration._joint_scene import moved, place_knots, predict
 from jaxmocap.geometry import align_cameras, camera_residuals
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from jaxmocap.calibration._features import Features
 from jaxmocap.calibration._footage import Footage, VideoFootage
 from jaxmocap.calibration._registration import Model, Sightings
-from jaxmocap.calibration._repair import repair
+from jaxmocap.calibration._trajectory import repair
 from jaxmocap.calibration._worker import write_result
 
 COUNT = 16

@@ -5,9 +5,8 @@ import pytest
 from moving_cameras import MATRIX, centres_of, moved_world, paths, project
 from scipy.spatial.transform import Rotation
 
-from jaxmocap.calibration._gravity import find_gravity, ground_plane, up_from_cameras
-from jaxmocap.calibration._subject import SubjectView, fit_scale, triangulate_views
-from jaxmocap.calibration._world import world_from_model
+from jaxmocap.calibration._scale import SubjectView, fit_scale, triangulate_views
+from jaxmocap.calibration._world import find_gravity, ground_plane, up_from_cameras, world_from_model
 from jaxmocap.camera import describe_views, view_geometry
 from jaxmocap.capture import KEYPOINT_NAMES
 from jaxmocap.geometry import align_cameras
@@ -138,7 +137,7 @@ def test_the_world_is_metric_upright_and_under_the_person(axis):
     gravity = find_gravity(model, scale * square(generator) @ rotation.T + shift, 4 * scale)
     person = scale * PERSON @ rotation.T + shift
     world = world_from_model(model, 1 / scale, gravity, axis, person, person[[11, 14]])
-    points, poses = world.points(person), world.poses(model)
+    points, poses = world(person), world.cameras(model)
     up = 1 if axis == "y" else 2
     across = [i for i in range(3) if i != up]
     np.testing.assert_allclose(points[:, up], PERSON[:, 1], atol=0.02)
@@ -146,7 +145,7 @@ def test_the_world_is_metric_upright_and_under_the_person(axis):
     ahead = centres_of(poses[0]) @ ([0, 0, 1] if axis == "y" else [0, -1, 0])
     assert ahead == pytest.approx(np.linalg.norm(centres_of(poses[0])[across]), rel=1e-3)
     for pose, old in zip(poses[::9], model[::9], strict=True):
-        inside = world.points(person) @ pose[:3, :3].T + pose[:3, 3]
+        inside = world(person) @ pose[:3, :3].T + pose[:3, 3]
         np.testing.assert_allclose(inside * scale, person @ old[:3, :3].T + old[:3, 3], atol=1e-9)
     assert align_cameras(poses, true).scale == pytest.approx(1.0, abs=1e-9)
 

@@ -8,7 +8,7 @@ import pytest
 
 from jaxmocap.character import BODIES
 from jaxmocap.exporters import export
-from jaxmocap.exporters._euler import best_order, euler_angles
+from jaxmocap.exporters._prepare import best_order, euler_angles
 
 
 def posed(path, frame: int) -> dict[str, np.ndarray]:

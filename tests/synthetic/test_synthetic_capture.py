@@ -8,8 +8,7 @@ from jaxmocap.camera import project
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character, landmark_positions, skin
 from jaxmocap.synthetic import _write, make_capture, make_scene, write_capture
-from jaxmocap.synthetic._actor import _template
-from jaxmocap.synthetic._markers import marker_positions
+from jaxmocap.synthetic._actor import _template, marker_positions
 from jaxmocap.synthetic._raster import visible_fragments
 
 ARRAYS = ("images", "masks", "markers", "joints", "keypoints", "timestamps")
