@@ -21,8 +21,8 @@ Box = tuple[float, float, float, float]
 Report = Callable[[str, int, int], None]
 """Takes progress: the stage, how many of its steps are done, and how many there are."""
 
+CONFIDENT = 0.3  # keypoints of less do not count
 _MARGIN = 1.0  # seconds before and after the shared frames, so that `offset` may still be corrected
-_CONFIDENT = 0.3
 _USUAL = 0.9  # of the longer side: phones filming are between 0.7 and 1.2
 _FULL_FRAME_DIAGONAL = 43.27  # millimetres
 _KEY = re.compile(r"focal_?length.*35_?mm", re.IGNORECASE)
@@ -173,8 +173,8 @@ def _boxes(capture: Capture, camera: str, frames: range) -> dict[int, Box]:
     for frame in frames:
         file = keypoint_file(capture.keypoints_folder, camera, frame)
         person = best_person(read_people(file)) if file.is_file() else None
-        if person is not None and (person[:, 2] >= _CONFIDENT).sum() >= 4:
-            places = person[person[:, 2] >= _CONFIDENT, :2]
+        if person is not None and (person[:, 2] >= CONFIDENT).sum() >= 4:
+            places = person[person[:, 2] >= CONFIDENT, :2]
             boxes[frame] = (*places.min(0).tolist(), *places.max(0).tolist())
     return boxes
 

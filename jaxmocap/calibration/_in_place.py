@@ -102,12 +102,12 @@ def refine_cameras(
     """Refine the cameras of a capture and the moments at which its videos began, with the body that was tracked.
 
     `motion` is a result of tracking the capture, or its folder. Background and body are adjusted together, and a moment
-    is found to a part of a frame. The body is seen in keypoints at tracked frames, the
-    capture's or those of a folder of `detections` (OpenPose BODY_25, named like the capture's); the background in the
-    points of the COLMAP model, as `calibrate` writes it. Where there are none, static cameras from a file for example,
-    cameras are held and only the offsets are refined. With an open `Capture` nothing is written; with a folder or
-    `capture.toml` the refined model becomes a new folder in it with `refinement.json`, which `cameras` names then, and
-    each `offset` is set; the old cameras stay on disk.
+    is found to a part of a frame. The body is seen in keypoints at tracked frames, the capture's or those of a folder
+    of `detections` (OpenPose BODY_25, named like the capture's); the background in the points of the COLMAP model, as
+    `calibrate` writes it. Where there are none, static cameras from a file for example, cameras are held and only the
+    offsets are refined. With an open `Capture` nothing is written; with a folder or `capture.toml` the refined model
+    becomes a new folder in it with `refinement.json`, which `cameras` names then, and each `offset` is set; the old
+    cameras stay on disk.
 
     Raises `InputError`, with nothing changed on disk, where the result is not of this capture and these cameras, where
     two views have too few keypoints, and where the videos are too far apart in time to be refined.

@@ -13,6 +13,7 @@ from jaxmocap.character import bone_lengths
 from jaxmocap.rigging import open_actor
 
 from ._child import Solved
+from ._footage import CONFIDENT
 
 BONES: dict[str, tuple[tuple[str, str], ...]] = {
     "shoulders": (("l_shoulder", "r_shoulder"),),
@@ -27,7 +28,6 @@ PARTS_OF_HEIGHT = {"upper_arm": 0.16, "forearm": 0.146, "thigh": 0.245, "shank":
 joint as detectors place it, lower than the shoulder's edge that they measured from. People differ by some 4 %."""
 _JOINTS = sorted({joint for pairs in BONES.values() for pair in pairs for joint in pair})
 _INDEX = np.array([KEYPOINT_NAMES.index(joint) for joint in _JOINTS])
-_CONFIDENT = 0.3
 _PIXEL_SIGMA = 3.0  # of a detector, pixels at a width of 960
 _BONE_SIGMA = 0.04  # of a bone's length: a detector's joints are not the skeleton's
 FEWEST_BONES = 4
@@ -49,7 +49,7 @@ class SubjectView(NamedTuple):
 
 def confident(keypoints: Float[np.ndarray, "camera 25 3"], lengths: Mapping[str, float]) -> int:
     """Count the bones that two cameras see."""
-    seen = np.count_nonzero(keypoints[..., 2] >= _CONFIDENT, axis=0) >= 2
+    seen = np.count_nonzero(keypoints[..., 2] >= CONFIDENT, axis=0) >= 2
     ends = [pair for name in lengths for pair in BONES.get(name, ())]
     return sum(bool(seen[KEYPOINT_NAMES.index(a)] and seen[KEYPOINT_NAMES.index(b)]) for a, b in ends)
 
@@ -76,7 +76,7 @@ def triangulate_views(view: SubjectView) -> Float[np.ndarray, "25 3"]:
 
     NaN where fewer than two cameras see one, or where one lies behind a camera.
     """
-    seen = view.keypoints[..., 2] >= _CONFIDENT
+    seen = view.keypoints[..., 2] >= CONFIDENT
     points = np.full((25, 3), np.nan)
     matrices = view.intrinsics @ view.cam_from_world[:, :3]
     for joint in np.flatnonzero(seen.sum(0) >= 2):
@@ -130,7 +130,7 @@ def fit_scale(views: Sequence[SubjectView], lengths: Mapping[str, float], source
         for points, view, these in zip(everyone, views, known, strict=True):
             for camera in range(len(view.intrinsics)):
                 found = view.keypoints[camera][_INDEX]
-                usable = these & (found[:, 2] >= _CONFIDENT)
+                usable = these & (found[:, 2] >= CONFIDENT)
                 inside = points[usable] @ view.cam_from_world[camera, :3, :3].T + view.cam_from_world[camera, :3, 3]
                 image = inside @ view.intrinsics[camera].T
                 rows.append(((image[:, :2] / image[:, 2:]) - found[usable, :2]).ravel() / sigma)

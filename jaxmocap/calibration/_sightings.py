@@ -17,10 +17,9 @@ from jaxmocap.motion import Motion
 from jaxmocap.observation import BODY_25, nearest_person
 
 from ._child import run_worker
-from ._footage import Report
+from ._footage import CONFIDENT, Report
 from ._joint_scene import Body
 
-_CONFIDENT = 0.3  # keypoints of less do not count
 _FEWEST_FRAMES = 5
 _FEWEST_POINTS = 8
 _OTHER_CAMERAS = 0.03  # metres between the cameras of a result and of the capture
@@ -141,8 +140,8 @@ def body_sightings(capture: Capture, motion: Motion, detections: str | Path | No
         if motion.status[row] == "lost":
             continue
         seen = _keypoints(capture, int(frame), places[row], list(tracks), folder)
-        for track in np.flatnonzero((seen[..., 2] >= _CONFIDENT).sum(axis=0) >= 2):
-            for camera in np.flatnonzero(seen[:, track, 2] >= _CONFIDENT):
+        for track in np.flatnonzero((seen[..., 2] >= CONFIDENT).sum(axis=0) >= 2):
+            for camera in np.flatnonzero(seen[:, track, 2] >= CONFIDENT):
                 rows.append((camera, frame, len(points), *seen[camera, track, :2]))
             points.append(places[row, track])
             index.append((track, times[row]))

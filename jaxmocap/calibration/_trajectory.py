@@ -24,7 +24,7 @@ _DEGREE = 2
 _TIMES_USUAL = 8.0  # standard deviations of the path beyond which a pose is off it
 _SMALLEST_SHIFT = 0.003  # of the distance to the scene
 _SMALLEST_TURN = np.radians(0.4)
-_MAD_TO_SIGMA = 1.4826
+MAD_TO_SIGMA = 1.4826
 _AROUND = 20  # frames on either side
 _STILL = 0.01  # of the distance to the scene
 
@@ -76,7 +76,7 @@ def find_outliers(
 
 def _spread(values: np.ndarray) -> float:
     """Robust standard deviation of lengths about zero."""
-    return _MAD_TO_SIGMA * float(np.median(values)) if len(values) else 0.0
+    return MAD_TO_SIGMA * float(np.median(values)) if len(values) else 0.0
 
 
 def _departures(times: np.ndarray, poses: np.ndarray, trusted: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:

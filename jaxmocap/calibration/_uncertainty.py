@@ -15,11 +15,10 @@ from jaxmocap.geometry import camera_centres
 from ._mapping import median_depth, observations
 from ._matching import Place
 from ._registration import Model
-from ._trajectory import departures
+from ._trajectory import MAD_TO_SIGMA, departures
 
 _PER_POSE, _PER_LENS, _GAUGE = 6, 2, 7
 _MOST_IN_NETWORK = 120
-_MAD_TO_SIGMA = 1.4826
 
 
 class Network(NamedTuple):
@@ -152,7 +151,7 @@ def network_of(model: Model, places: list[Place]) -> Network:
         points=np.array([reconstruction.points3D[int(i)].xyz for i in unique]),
         pose_of=np.repeat(np.arange(len(places)), [len(points) for _, points, _ in seen]),
         point_of=point_of,
-        sigma=_MAD_TO_SIGMA * float(np.median(np.abs(residuals))),
+        sigma=MAD_TO_SIGMA * float(np.median(np.abs(residuals))),
     )
 
 
