@@ -122,7 +122,7 @@ def _posed(document: Document, motion: Motion, own: bool) -> ActorRig | None:
 
 
 def _own_rig(document: Document) -> tuple[RawSkin, Rig]:
-    """Take the rig of a file that `Character.save_glb` wrote, whatever its skeleton: a joint per body, in their order."""
+    """Take the rig of a file that `Character.save_glb` wrote for any skeleton: a joint per body, in their order."""
     raw = read_skin(document)
     return raw, Rig(tuple(range(len(raw.joint_names))), raw.place @ np.linalg.inv(raw.inverse_binds), {}, {}, np.eye(3))
 
