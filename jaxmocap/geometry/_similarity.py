@@ -83,5 +83,5 @@ def _procrustes(correlation: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def camera_centres(cam_from_world: Float[np.ndarray, "camera 4 4"]) -> Float[np.ndarray, "camera 3"]:
-    """Where cameras stand in the world."""
+    """Find where cameras stand in the world."""
     return -np.einsum("nji,nj->ni", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
