@@ -38,6 +38,7 @@ from jaxmocap.character import Character, Pose, body_transforms, retract, skin
 from jaxmocap.energies import (
     Base,
     BodyPart,
+    GroupProblem,
     ModelView,
     Region,
     Scores,
@@ -110,11 +111,7 @@ def scene() -> tuple[Character, Pose, FrameProblem]:
 class Case(NamedTuple):
     """Particles of one group in one frame."""
 
-    character: Character
-    part: BodyPart
-    pose: Pose
-    problem: FrameProblem
-    region: Region
+    group: GroupProblem
     increments: np.ndarray
 
 
@@ -141,20 +138,20 @@ def region_of(
 
 def jax_scores(energy: SearchEnergy, case: Case, capacity: int = CAPACITY) -> tuple[Base, Callable[[], Scores]]:
     """What the particles share, and a call that scores them with room for `capacity` windows."""
-    character, part, pose, problem, region, increments = case
+    group, increments = case
 
     as_tracked = partial(eqx.filter_jit, compiler_options=quick_loops())  # as `optimised_jit` compiles a search
 
     @as_tracked
-    def prepared(problem):
-        return prepare_base(energy, character, part, pose, problem, region, CAPACITY)
+    def prepared(group):
+        return prepare_base(energy, group, CAPACITY)
 
     @as_tracked
-    def scored(base, problem, increments):
-        return score_particles(energy, character, part, pose, problem, region, base, increments, capacity)
+    def scored(group, base, increments):
+        return score_particles(energy, group, base, increments, capacity)
 
-    base, rows = prepared(problem), jnp.asarray(increments)
-    return base, lambda: jax.block_until_ready(scored(base, problem, rows))
+    base, rows = prepared(group), jnp.asarray(increments)
+    return base, lambda: jax.block_until_ready(scored(group, base, rows))
 
 
 class _Rectangle(ctypes.Structure):
@@ -173,7 +170,8 @@ class _Far(ctypes.Structure):
 def c_scores(library: ctypes.CDLL, case: Case, base: Base) -> tuple[Callable[[bool], None], np.ndarray, np.ndarray]:
     """The same by `z_buffer.cpp`: a call, with Eq. 7 or without, and where it leaves the totals of both. `base` is what
     particles share for both equations."""
-    character, part, pose, problem, region, increments = case
+    group, increments = case
+    character, part, pose, problem, region = group.character, group.part, group.pose, group.frame, group.region
 
     def plain(values, kind=np.float32) -> np.ndarray:
         return np.ascontiguousarray(np.asarray(values), kind)
@@ -183,7 +181,7 @@ def c_scores(library: ctypes.CDLL, case: Case, base: Base) -> tuple[Callable[[bo
     weights = np.asarray(part.weights)
     index = np.argsort(-weights, 1)[:, :4]
     share = np.take_along_axis(weights, index, 1)
-    buffers, _ = eqx.filter_jit(base_buffers)(character, part, pose, problem, CAPACITY)
+    buffers, _ = eqx.filter_jit(base_buffers)(group, CAPACITY)
     keys, layout = crop(buffers), part.layout
     ids = layout.face(keys)
     depth = jnp.stack([layout.inverse_depth(keys[c], problem.depth_range[c]) for c in range(2)])
@@ -204,7 +202,7 @@ def c_scores(library: ctypes.CDLL, case: Case, base: Base) -> tuple[Callable[[bo
     out, pairs, seen = np.zeros(len(bones)), np.zeros(len(bones)), np.zeros((2, *region.size), np.int32)
     shared, border = base.prepared[1], region.size[1] + 2 * WINDOW
     near = plain(problem.surface.near_faces, np.uint32)
-    between = np.concatenate([shared.between.turn, shared.between.shift[..., None]], -1)
+    between = np.concatenate([shared.between.homography, shared.between.epipole[..., None]], -1)
     whole = (
         plain(shared.packed, np.int32), plain(ids, np.int32), plain(problem.origins, np.int32),
         plain(region.corners, np.int32), near, plain(between),
@@ -244,7 +242,7 @@ def against_cpp(library: ctypes.CDLL, repeats: int, particles: int) -> list[Figu
         spread = np.where(np.array(dofs) < 3, 0.02, 0.05)
         increments[:, list(dofs)] = np.random.default_rng(0).normal(0, spread, (particles, len(dofs)))
         region = region_of(character, part, pose, problem, increments)
-        case = Case(character, part, pose, problem, region, increments)
+        case = Case(GroupProblem(character, part, pose, problem, region), increments)
         capacity = 2 ** int(np.ceil(np.log2(1.2 * int(jax_scores(eq6, case)[1]().needed))))
         base, ours = jax_scores(eq6, case, capacity)
         shared, with_views = jax_scores(both, case, capacity)

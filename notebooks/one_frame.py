@@ -11,7 +11,7 @@ import numpy as np
 
 import jaxmocap as jm
 from jaxmocap.character import skin
-from jaxmocap.energies import Region, Scores, SearchEnergy, body_part, prepare_base, score_particles
+from jaxmocap.energies import GroupProblem, Scores, SearchEnergy, body_part, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem, place_rectangle, projected_box
 from jaxmocap.synthetic import make_capture, write_capture
 
@@ -31,14 +31,12 @@ class OneFrame:
         """Scores of particles (particle, dof): increments of one group, such as "l_arm", from the true pose."""
         dofs = self.character.skeleton.group(group)
         part = body_part(self.character, dofs)
-        region = Region(jnp.zeros((2, 2), jnp.int32), self.problem.size)
-        base = prepare_base(energy, self.character, part, self.pose, self.problem, region, WINDOWS)
+        particles_of = GroupProblem.whole(self.character, part, self.pose, self.problem)
+        base = prepare_base(energy, particles_of, WINDOWS)
 
         def score(particles: jax.Array) -> Scores:
             increments = jnp.zeros((len(particles), 39)).at[:, jnp.array(dofs)].set(particles)
-            return score_particles(
-                energy, self.character, part, self.pose, self.problem, region, base, increments, WINDOWS
-            )
+            return score_particles(energy, particles_of, base, increments, WINDOWS)
 
         return score
 

@@ -16,7 +16,7 @@ from jaxmocap.appearance import AppearanceSettings, GridSettings
 from jaxmocap.capture import Capture
 from jaxmocap.character import rest_pose, skin
 from jaxmocap.character._dof_table import human_table
-from jaxmocap.energies import Region, SearchEnergy, body_part, prepare_base, score_particles
+from jaxmocap.energies import GroupProblem, SearchEnergy, body_part, prepare_base, score_particles
 from jaxmocap.motion import Motion
 from jaxmocap.observation import build_problem, observe, place_rectangle, projected_box, surface_of
 from jaxmocap.pipeline import fit_capture_appearance
@@ -93,10 +93,10 @@ def test_the_energy_of_contributing_is_lowest_where_the_person_is(shown):
     surface = surface_of(character, None, 2)
     problem = build_problem(list(shown.images[0]), rectangle, cameras, 0, vertices, surface, labels, unlike)
     part = body_part(character, tuple(range(6)))
-    region = Region(jnp.zeros((2, 2), jnp.int32), problem.size)
-    base = prepare_base(energy, character, part, pose, problem, region, 16)
+    group = GroupProblem.whole(character, part, pose, problem)
+    base = prepare_base(energy, group, 16)
     moved = jnp.zeros((2, 39)).at[1, 0].set(0.15)
-    scores = eqx.filter_jit(score_particles)(energy, character, part, pose, problem, region, base, moved, 4096)
+    scores = eqx.filter_jit(score_particles)(energy, group, base, moved, 4096)
     assert scores.needed <= 4096
     assert scores.terms[0, 0] < 0.1 < scores.terms[1, 0]
 

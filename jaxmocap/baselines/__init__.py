@@ -13,9 +13,7 @@ from ._graph_cut import GridCut as GridCut
 from ._hasler import SegmentAndFit as SegmentAndFit
 from ._keypoints import KeypointTriangulation as KeypointTriangulation
 from ._optimisers import (
-    AnnealedParticlePlan as AnnealedParticlePlan,
     CovarianceMatrixAdaptation as CovarianceMatrixAdaptation,
-    CovarianceMatrixPlan as CovarianceMatrixPlan,
     annealed_particle_filter as annealed_particle_filter,
     covariance_matrix_adaptation as covariance_matrix_adaptation,
     local_only as local_only,

@@ -1,6 +1,6 @@
 """The tracker's own energy under other optimisers: what the annealing and the hierarchy are worth."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -29,44 +29,28 @@ def local_only(quality: Quality = "normal") -> Tracker:
     return replace(Tracker.preset(quality), search=None, prediction=False)
 
 
-def _whole(plan: SearchPlan) -> dict:
-    """The settings of a search of the whole body that may score as many particles as this plan does group by group on
-    the usual skeleton of a person."""
+def _whole(plan: SearchPlan) -> SearchPlan:
+    """A search of the whole body that may score as many particles as this plan does group by group on the usual
+    skeleton of a person."""
     groups = human_table().groups
     counts = [plan.count(len(dofs), 1.0 if is_limb(name) else plan.trunk) for name, dofs in groups]
-    return {"stages": plan.stages, "particles": sum(counts), "spread": plan.spread, "groups": "whole"}
-
-
-@dataclass(frozen=True)
-class AnnealedParticlePlan(SearchPlan):
-    """The layers of Deutscher and Reid, Articulated body motion capture by stochastic search, IJCV 61, 2005: all
-    particles are drawn anew by their weights, whose sharpness keeps a share `survival` of them, and diffused by the
-    spread of those."""
-
-    survival: float = 0.5
-
-    def sampler(self, num_dofs: int, sigma_min: Float[Array, "dof"], share: float = 1.0) -> AbstractSampler:
-        return InteractingSimulatedAnnealing(
-            num_particles=self.count(num_dofs, share),
-            num_iterations=self.iterations,
-            answer=self.answer,
-            epsilon="zero",
-            survival=self.survival,
-            sigma_min=sigma_min,
-        )
+    return SearchPlan(plan.stages, sum(counts), plan.spread, groups="whole")
 
 
 def annealed_particle_filter(quality: Quality = "normal") -> Tracker:
     """Annealed particle filter on Eq. 5: all degrees of freedom at once, from the last pose with process noise, the
     answer being the weighted mean; no optical flow and no refinement.
 
+    Its layers are those of Deutscher and Reid, Articulated body motion capture by stochastic search, IJCV 61, 2005: all
+    particles are drawn anew by their weights, whose sharpness keeps half of them, and diffused by the spread of those.
     Its budget is that of the preset's search. Between frames the particles are handed on as their mean, since after the
     last layer they lie much closer together than the process noise spreads them.
     """
     preset = Tracker.preset(quality)
     assert preset.search is not None
-    plan = AnnealedParticlePlan(**_whole(preset.search), answer="mean")
-    return replace(preset, search=plan, refine=None, flow_start=False, prediction=False)
+    layers = InteractingSimulatedAnnealing(epsilon="zero", survival=0.5, answer="mean")
+    search = _whole(preset.search)
+    return replace(preset, search=search, sampler=layers, refine=None, flow_start=False, prediction=False)
 
 
 class CovarianceState(AbstractState):
@@ -133,8 +117,9 @@ class CovarianceMatrixAdaptation(AbstractSampler):
         fitness = jnp.where(jnp.isfinite(energies), energies, worst + 1.0).astype(particles.dtype)
         active = state.unit > 0
         population = jnp.where(active, (particles - state.start) / jnp.where(active, state.unit, 1.0), 0.0)
-        _, decomposed = strategy.ask(key, state.inner, params)  # the eigenvectors that this generation was drawn with
-        inner, _ = strategy.tell(key, population, fitness, decomposed, params)
+        ask_key, tell_key = jax.random.split(key)
+        _, decomposed = strategy.ask(ask_key, state.inner, params)  # the eigenvectors this generation was drawn with
+        inner, _ = strategy.tell(tell_key, population, fitness, decomposed, params)
         inner = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), inner, state.inner)
         after = CovarianceState(state.proposal, inner, state.start, state.unit)
         info = StepInfo(
@@ -152,20 +137,11 @@ class CovarianceMatrixAdaptation(AbstractSampler):
         return mean, deviation
 
 
-@dataclass(frozen=True)
-class CovarianceMatrixPlan(SearchPlan):
-    """A search by CMA-ES."""
-
-    def sampler(self, num_dofs: int, sigma_min: Float[Array, "dof"], share: float = 1.0) -> AbstractSampler:
-        return CovarianceMatrixAdaptation(
-            num_particles=self.count(num_dofs, share), num_iterations=self.iterations, answer=self.answer
-        )
-
-
 def covariance_matrix_adaptation(quality: Quality = "normal") -> Tracker:
     """CMA-ES on Eq. 5 over all degrees of freedom at once, in place of the hierarchical annealing and with its
     budget; flow start and refinement are the tracker's."""
     preset = Tracker.preset(quality)
     assert preset.search is not None
-    CovarianceMatrixAdaptation()._strategy(1)
-    return replace(preset, search=CovarianceMatrixPlan(**_whole(preset.search)))
+    sampler = CovarianceMatrixAdaptation()
+    sampler._strategy(1)  # says at once where evosax is missing
+    return replace(preset, search=_whole(preset.search), sampler=sampler)

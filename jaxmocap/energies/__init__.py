@@ -1,20 +1,16 @@
 from ._body import (
     BodyPart as BodyPart,
+    GroupProblem as GroupProblem,
     Region as Region,
     base_buffers as base_buffers,
     body_part as body_part,
-    part_jobs as part_jobs,
+    part_windows as part_windows,
 )
 from ._contour import (
     ContourSettings as ContourSettings,
     contour_lines as contour_lines,
     contour_points as contour_points,
     edge_targets as edge_targets,
-)
-from ._keypoints import (
-    Keypoints as Keypoints,
-    LandmarkRays as LandmarkRays,
-    keypoint_rays as keypoint_rays,
 )
 from ._lines import (
     LineResidual as LineResidual,
@@ -30,23 +26,34 @@ from ._model_view import (
     covered_cost as covered_cost,
     uncovered_cost as uncovered_cost,
 )
-from ._posture import Posture as Posture, bend as bend
+from ._pose_terms import (
+    Keypoints as Keypoints,
+    LandmarkRays as LandmarkRays,
+    Posture as Posture,
+    bend as bend,
+    keypoint_rays as keypoint_rays,
+)
 from ._search_energy import (
     Base as Base,
-    PoseTerm as PoseTerm,
     Scores as Scores,
     SearchEnergy as SearchEnergy,
-    SearchTerm as SearchTerm,
+    SoftScore as SoftScore,
     prepare_base as prepare_base,
     score_particles as score_particles,
     search_energy as search_energy,
+    soft_score as soft_score,
 )
 from ._silhouette import Silhouette as Silhouette
-from ._soft_energy import SoftScore as SoftScore, soft_score as soft_score
-from ._view_view import (
-    Carry as Carry,
-    ViewView as ViewView,
-    are_near as are_near,
-    carry as carry,
-    partner_pixels as partner_pixels,
+from ._term import (
+    AbstractPoseTerm as AbstractPoseTerm,
+    AbstractTerm as AbstractTerm,
+    Drawn as Drawn,
+    SoftDrawn as SoftDrawn,
 )
+from ._view_pair import (
+    PixelTransfer as PixelTransfer,
+    are_near as are_near,
+    partner_pixels as partner_pixels,
+    pixel_transfer as pixel_transfer,
+)
+from ._view_view import ViewView as ViewView

@@ -1,7 +1,5 @@
 """The part of the character that a group of DoFs moves, and drawing it over the rest of the body."""
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,14 +12,15 @@ from jaxmocap.observation import FrameProblem
 from jaxmocap.render import (
     BEHIND,
     Driver,
-    Jobs,
+    Faces,
     KeyLayout,
     Places,
+    WindowList,
     doubled_area,
     draw,
     empty_buffer,
     to_screen,
-    window_jobs,
+    window_list,
 )
 
 
@@ -73,12 +72,12 @@ def body_part(character: Character, dofs: tuple[int, ...], least_faces: int = 0,
     )
 
 
-class Region(NamedTuple):
+class Region(eqx.Module):
     """The pixels that are scored anew for every particle: corner (row, column) inside the rectangle per view, one
     size."""
 
     corners: Int[Array, "camera 2"]
-    size: tuple[int, int]
+    size: tuple[int, int] = eqx.field(static=True)
 
     def cut(self, values: Array, camera: int, step: int = 1, border: int = 0) -> Array:
         """The region of a (height, width, ...) array of one view, every `step`-th pixel; with `border` more around
@@ -96,47 +95,58 @@ def region_mask(region: Region, camera: int, height: int, width: int) -> Bool[Ar
     return (row >= top) & (row < top + region.size[0]) & (column >= left) & (column < left + region.size[1])
 
 
+class GroupProblem(eqx.Module):
+    """What all particles of one group share: they move `part` of the character from `pose`, and are scored in a frame,
+    anew for each in `region` only."""
+
+    character: Character
+    part: BodyPart
+    pose: Pose
+    frame: FrameProblem
+    region: Region
+
+    @property
+    def layout(self) -> KeyLayout:
+        return self.part.layout
+
+    @staticmethod
+    def whole(character: Character, part: BodyPart, pose: Pose, frame: FrameProblem) -> "GroupProblem":
+        """Whose region is all of the rectangle."""
+        return GroupProblem(
+            character, part, pose, frame, Region(jnp.zeros((frame.num_cameras, 2), jnp.int32), frame.size)
+        )
+
+
 def base_buffers(
-    character: Character, part: BodyPart, pose: Pose, problem: FrameProblem, capacity: int
+    group: GroupProblem, capacity: int
 ) -> tuple[Int[Array, "camera padded_height padded_width"], Int[Array, ""]]:
-    """Key buffers of the body without the part at `pose`, one per view, and the number of windows needed."""
-    vertices = skin(character, pose)
-    height, width = problem.size
-    numbers = jnp.arange(character.faces.shape[0], dtype=jnp.int32)
+    """Key buffers of the body without the part, one per view, and the number of windows needed."""
+    faces, frame, layout = group.character.faces, group.frame, group.layout
+    vertices = skin(group.character, group.pose)
+    numbers = jnp.arange(faces.shape[0], dtype=jnp.int32)
 
     def view(camera: Array) -> tuple[Array, Array]:
-        screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
-        jobs, _ = window_jobs(
-            screen,
-            character.faces.T,
-            numbers,
-            ~part.moves,
-            height,
-            width,
-            problem.depth_range[camera],
-            part.layout,
-            capacity,
-        )
-        return draw(empty_buffer(part.layout, height, width), jobs, part.layout), jobs.needed
+        screen = to_screen(vertices, frame.projection[camera], frame.origins[camera])
+        drawn = Faces(faces.T, numbers, ~group.part.moves)
+        listed, _ = window_list(screen, drawn, frame.size, frame.depth_range[camera], layout, capacity)
+        return draw(empty_buffer(layout, *frame.size), listed, layout), listed.needed
 
-    buffers, needed = lax.map(view, jnp.arange(problem.num_cameras))
+    buffers, needed = lax.map(view, jnp.arange(frame.num_cameras))
     return buffers, needed.max()
 
 
-def part_jobs(
-    part: BodyPart,
+def part_windows(
+    group: GroupProblem,
     vertices: Float[Array, "part_vertex 3"],
-    problem: FrameProblem,
     camera: int | Int[Array, ""],
-    region: Region,
     capacity: int,
     driver: Driver | None = None,
-) -> tuple[Jobs, Places]:
+) -> tuple[WindowList, Places]:
     """Windows of the part in one view's region, and the corners of its faces on the screen."""
-    screen = to_screen(vertices, problem.projection[camera], problem.origins[camera])
-    depths, corner = problem.depth_range[camera], region.corners[camera]
-    shared = (part.faces, part.face_numbers, None, *region.size, depths, part.layout, capacity, corner, driver)
-    return window_jobs(screen, *shared)
+    part, frame, region = group.part, group.frame, group.region
+    screen = to_screen(vertices, frame.projection[camera], frame.origins[camera])
+    drawn, depths, corner = Faces(part.faces, part.face_numbers), frame.depth_range[camera], region.corners[camera]
+    return window_list(screen, drawn, region.size, depths, part.layout, capacity, corner, driver)
 
 
 def pixels_outside(places: Places, corner: Int[Array, "2"], size: tuple[int, int]) -> Float[Array, ""]:

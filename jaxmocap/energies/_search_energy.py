@@ -1,7 +1,7 @@
 """Eq. 5 and its relatives: a weighted sum of terms, scored for a whole generation of particles in one compiled call."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,45 +10,21 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxmocap.character import Character, Pose, Skeleton, retract
+from jaxmocap.character import Character, Pose, retract, skin
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import WINDOW, Driver, best_driver, draw
+from jaxmocap.render import WINDOW, Driver, SoftFaces, SoftSettings, best_driver, draw, soft_faces, to_screen
 
-from ._body import BodyPart, Region, base_buffers, part_jobs, pixels_outside
+from ._body import GroupProblem, base_buffers, part_windows, pixels_outside
 from ._model_view import ModelView
-from ._posture import Posture
+from ._pose_terms import Posture
+from ._term import AbstractTerm, Drawn, SoftDrawn
 from ._view_view import ViewView
 
 
-class SearchTerm(Protocol):
-    """A term of the search energy: scores key buffers. A new term is one file with these members.
-
-    `prepare(base, region, problem, layout)` computes once per group what no particle changes; `score(prepared, buffers,
-    outside, region, problem, layout)` returns a scalar.
-    """
-
-    name: str
-    weight: Float[Array, ""]
-
-    def prepare(self, base, region, problem, layout) -> Any: ...
-
-    def score(self, prepared, buffers, outside, region, problem, layout) -> Float[Array, ""]: ...
-
-
-@runtime_checkable
-class PoseTerm(Protocol):
-    """A term of the search energy that looks at the pose itself, not at what is drawn."""
-
-    name: str
-    weight: Float[Array, ""]
-
-    def score_pose(self, skeleton: Skeleton, pose: Pose, problem: FrameProblem) -> Float[Array, ""]: ...
-
-
 class SearchEnergy(eqx.Module):
-    """A weighted sum of terms (`SearchTerm`, `PoseTerm`). Weights are array leaves: changing them never recompiles."""
+    """A weighted sum of terms. Weights are array leaves: changing them never recompiles."""
 
-    terms: tuple[Any, ...]
+    terms: tuple[AbstractTerm, ...]
 
     def reweight(self, **weights: float | Array) -> "SearchEnergy":
         """The same energy with other weights, by term name: `energy.reweight(view_view=0.0)`."""
@@ -63,6 +39,14 @@ class SearchEnergy(eqx.Module):
             for term in self.terms
         ]
         return SearchEnergy(tuple(changed))
+
+    def with_capacity(self, capacity: int) -> "SearchEnergy":
+        """The same energy with so much room in every term that keeps a list of bounded length."""
+        return SearchEnergy(tuple(term.with_capacity(capacity) for term in self.terms))
+
+    @property
+    def weights(self) -> Float[Array, "term"]:
+        return jnp.stack([term.weight for term in self.terms])
 
 
 def search_energy(
@@ -100,83 +84,64 @@ class Base(NamedTuple):
     needed_far: Int[Array, ""]
 
 
-def prepare_base(
-    energy: SearchEnergy,
-    character: Character,
-    part: BodyPart,
-    pose: Pose,
-    problem: FrameProblem,
-    region: Region,
-    capacity: int,
-) -> Base:
-    """Draw the rest of the body at `pose` and let every term prepare."""
-    buffers, needed = base_buffers(character, part, pose, problem, capacity)
-    prepared = tuple(
-        () if isinstance(term, PoseTerm) else term.prepare(buffers, region, problem, part.layout)
-        for term in energy.terms
-    )
+def prepare_base(energy: SearchEnergy, group: GroupProblem, capacity: int) -> Base:
+    """Draw the rest of the body and let every term prepare."""
+    buffers, needed = base_buffers(group, capacity)
+    prepared = tuple(term.prepare(buffers, group) for term in energy.terms)
     far = jnp.zeros((), jnp.int32)
     for term, ready in zip(energy.terms, prepared, strict=True):
-        if isinstance(term, ViewView):
-            far = jnp.maximum(far, term.needed(cast(Any, ready)))
-    cut = jnp.stack([region.cut(buffers[c], c, border=WINDOW) for c in range(problem.num_cameras)])
+        far = jnp.maximum(far, term.needed(ready))
+    cut = jnp.stack([group.region.cut(buffers[c], c, border=WINDOW) for c in range(group.frame.num_cameras)])
     return Base(cut, prepared, needed, far)
 
 
 def score_particles(
     energy: SearchEnergy,
-    character: Character,
-    part: BodyPart,
-    pose: Pose,
-    problem: FrameProblem,
-    region: Region,
+    group: GroupProblem,
     base: Base,
     increments: Float[Array, "particle dof"],
     capacity: int,
     driver: Driver | None = None,
 ) -> Scores:
-    """Eq. 5 for every increment of `pose`.
+    """Eq. 5 for every increment of the group's pose.
 
     With the "loop" driver particles run one after the other over copies of a small key buffer: on a CPU this is far
     faster than `vmap`. With several devices the particles are shared out among them, with the same bits. With "scatter"
     all run at once, for an accelerator. The default is the machine's `best_driver`; keys are the same in both.
     """
     driver = driver or best_driver()
-    dynamic, static = eqx.partition((energy, character, part, pose, problem, region, base), eqx.is_array)
+    dynamic, static = eqx.partition((energy, group, base), eqx.is_array)
 
     def generation(arrays: Any, rows: Array) -> tuple[Array, Array]:
-        energy, character, part, pose, problem, region, base = eqx.combine(arrays, static)
-        return _score(energy, character, part, pose, problem, region, base, rows, capacity, driver)
+        return _score(*eqx.combine(arrays, static), rows, capacity, driver)
 
     terms, needed = _share_out(generation, dynamic, increments)
-    weights = jnp.stack([term.weight for term in energy.terms])
-    return Scores(terms @ weights, terms, needed.max())
+    return Scores(terms @ energy.weights, terms, needed.max())
 
 
-def _score(energy, character, part, pose, problem, region, base, increments, capacity, driver) -> tuple[Array, Array]:
+def _score(
+    energy: SearchEnergy, group: GroupProblem, base: Base, increments: Array, capacity: int, driver: Driver
+) -> tuple[Array, Array]:
     """Terms (particle, term) and the windows needed (particle,)."""
-    layout, (height, width) = part.layout, base.buffers.shape[1:]
+    layout, region, (height, width) = group.layout, group.region, base.buffers.shape[1:]
+    skeleton = group.character.skeleton
 
     def one(particle: tuple[Pose, Array]) -> tuple[Array, Array]:
-        moved, posed = particle
+        pose, posed = particle
 
         def view(below: Array, camera: Array) -> tuple[Array, tuple[Array, Array]]:
-            jobs, places = part_jobs(part, posed, problem, camera, region, capacity, driver)
+            listed, places = part_windows(group, posed, camera, capacity, driver)
             outside = pixels_outside(places, region.corners[camera], region.size)
-            return draw(below, jobs, layout, camera * height, driver), (outside, jobs.needed)
+            return draw(below, listed, layout, camera * height, driver), (outside, listed.needed)
 
-        drawn, (outside, needed) = lax.scan(view, base.buffers.reshape(-1, width, 1), jnp.arange(problem.num_cameras))
-        drawn = drawn.reshape(base.buffers.shape)
-        values = [
-            term.score_pose(character.skeleton, moved, problem)
-            if isinstance(term, PoseTerm)
-            else term.score(ready, drawn, outside, region, problem, layout)
-            for term, ready in zip(energy.terms, base.prepared, strict=True)
-        ]
-        return jnp.stack(values), needed.max()
+        cameras = jnp.arange(group.frame.num_cameras)
+        buffers, (outside, needed) = lax.scan(view, base.buffers.reshape(-1, width, 1), cameras)
+        drawn = Drawn(pose, buffers.reshape(base.buffers.shape), outside)
+        pairs = zip(energy.terms, base.prepared, strict=True)
+        return jnp.stack([term.score(ready, drawn, group) for term, ready in pairs]), needed.max()
 
-    moved = jax.vmap(lambda delta: retract(character.skeleton, pose, delta))(increments)
-    particles = (moved, jax.vmap(lambda pose: part.posed(character, pose))(moved))
+    moved = jax.vmap(lambda delta: retract(skeleton, group.pose, delta))(increments)
+    particles = (moved, jax.vmap(lambda pose: group.part.posed(group.character, pose))(moved))
     return lax.map(one, particles) if driver == "loop" else jax.vmap(one)(particles)
 
 
@@ -203,3 +168,38 @@ def _share_out(
     shared = jax.shard_map(own, mesh=mesh, in_specs=every, out_specs=every, check_vma=False)
     terms, needed = shared(arrays, padded)
     return terms[: rows.shape[0]], needed
+
+
+class SoftScore(NamedTuple):
+    """`total`, `terms (term,)` unweighted, and the `needed` windows, pixels and shares of the busiest view, to be held
+    against `SoftSettings`: what does not fit is left out."""
+
+    total: Float[Array, ""]
+    terms: Float[Array, "term"]
+    needed: Int[Array, "3"]
+
+
+def soft_score(
+    energy: SearchEnergy, character: Character, pose: Pose, problem: FrameProblem, settings: SoftSettings | None = None
+) -> SoftScore:
+    """Eq. 5 of one pose with soft visibility, for `jax.grad` and `vmap`: the energy of the search in the limit of zero
+    `settings.width`, differentiable in pose, vertices, cameras, weights and colours.
+
+    Every pixel is shared by the faces that cover parts of it (`soft_faces`): in Eq. 6 each pays its share of the
+    covered cost and what is left pays the uncovered cost; in Eq. 7 each looks for its own partner, and near faces count
+    by their share of the partner's pixel. Raises `ValueError` for a term that only knows key buffers.
+    """
+    settings = SoftSettings() if settings is None else settings
+    vertices = skin(character, pose)
+    faces = character.faces.T
+    height, width = problem.size
+
+    def look(view: tuple[Array, Array, Array]) -> tuple[Array, SoftFaces]:
+        projection, origin, depths = view
+        screen = to_screen(vertices, projection, origin)
+        return screen, soft_faces(screen, faces, height, width, depths, settings)
+
+    screens, seen = lax.map(look, (problem.projection, problem.origins, problem.depth_range))
+    drawn = SoftDrawn(character, pose, problem, screens, seen, settings)
+    terms = jnp.stack([term.soft(drawn) for term in energy.terms])
+    return SoftScore(terms @ energy.weights, terms, seen.needed.max(0))

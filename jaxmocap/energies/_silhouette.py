@@ -1,16 +1,15 @@
 """Silhouette energy: disagreement of the projected mesh with a person mask (registration at the selected frames)."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmocap._types import Knob, knob
-from jaxmocap.observation import FrameProblem
-from jaxmocap.render import KeyLayout, crop
+from jaxmocap.render import crop
 
-from ._body import Region, region_mask
+from ._body import GroupProblem, region_mask
+from ._term import AbstractTerm, Drawn
 
 
 class _Prepared(NamedTuple):
@@ -20,7 +19,7 @@ class _Prepared(NamedTuple):
     mask_area: Float[Array, "camera"]
 
 
-class Silhouette(eqx.Module):
+class Silhouette(AbstractTerm):
     """XOR area over the model's area plus over the mask's area, halved, averaged over views (Gall et al. 2009, sec. 4).
 
     `masks (camera, height, width)`: 1 where the person is, in the rectangle.
@@ -29,35 +28,26 @@ class Silhouette(eqx.Module):
     masks: Float[Array, "camera height width"]
     weight: Knob = knob(1.0)
 
-    name = "silhouette"
+    name: ClassVar[str] = "silhouette"
 
-    def prepare(self, base: Array, region: Region, problem: FrameProblem, layout: KeyLayout) -> _Prepared:
-        """What all particles of a group share."""
-        height, width = problem.size
-        covered = crop(base) & layout.id_mask != layout.id_mask
+    def prepare(self, base: Array, group: GroupProblem) -> _Prepared:
+        region, cameras = group.region, range(group.frame.num_cameras)
+        covered = crop(base) & group.layout.id_mask != group.layout.id_mask
         wrong, model = [], []
-        for camera in range(problem.num_cameras):
-            elsewhere = ~region_mask(region, camera, height, width)
+        for camera in cameras:
+            elsewhere = ~region_mask(region, camera, *group.frame.size)
             wrong.append(jnp.where(elsewhere, covered[camera] != (self.masks[camera] > 0.5), False).sum())
             model.append((elsewhere & covered[camera]).sum())
         return _Prepared(
-            jnp.stack([region.cut(self.masks[c], c) for c in range(problem.num_cameras)]),
+            jnp.stack([region.cut(self.masks[c], c) for c in cameras]),
             jnp.stack(wrong).astype(jnp.float32),
             jnp.stack(model).astype(jnp.float32),
             self.masks.sum((1, 2)),
         )
 
-    def score(
-        self,
-        prepared: _Prepared,
-        buffers: Array,
-        outside: Array,
-        region: Region,
-        problem: FrameProblem,
-        layout: KeyLayout,
-    ) -> Float[Array, ""]:
+    def score(self, prepared: _Prepared, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
         """Mean over the views of 0.5 (XOR / model area + XOR / mask area)."""
-        covered = crop(buffers) > layout.empty
-        wrong = (covered != (prepared.mask > 0.5)).sum((1, 2)) + prepared.elsewhere_wrong + outside
-        model = covered.sum((1, 2)) + prepared.elsewhere_model + outside
+        covered = crop(drawn.buffers) > group.layout.empty
+        wrong = (covered != (prepared.mask > 0.5)).sum((1, 2)) + prepared.elsewhere_wrong + drawn.outside
+        model = covered.sum((1, 2)) + prepared.elsewhere_model + drawn.outside
         return 0.5 * (wrong / jnp.maximum(model, 1.0) + wrong / jnp.maximum(prepared.mask_area, 1.0)).mean()

@@ -1,67 +1,33 @@
 """View-view consistency, Eq. 7: does the other camera see the same colour at this surface point?"""
 
+from dataclasses import replace
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._types import Knob, knob
-from jaxmocap.observation import FrameProblem
 from jaxmocap.render import (
     WINDOW,
-    KeyLayout,
-    changed_marks,
+    SoftFaces,
     crop,
+    dirty_tiles,
     expand,
     look_up,
-    sum_in_turns,
+    sum_in_chunks,
     sum_over_tiles,
     tiles_at,
 )
 
-from ._body import Region, region_mask
+from ._body import GroupProblem, Region, region_mask
 from ._model_view import TAU
-
-
-def ordered_pairs(num_cameras: int) -> list[tuple[int, int]]:
-    """All (m, n) with m != n: E_mn is not symmetric (ambiguity A16 of the equation, read as ordered pairs)."""
-    return [(m, n) for m in range(num_cameras) for n in range(num_cameras) if m != n]
-
-
-class Carry(NamedTuple):
-    """What takes (column, row, 1) and inverse depth of the source view to the homogeneous pixel of the target."""
-
-    turn: Float[Array, "3 3"]
-    shift: Float[Array, "3"]
-
-
-def carry(source: Float[Array, "3 4"], target: Float[Array, "3 4"]) -> Carry:
-    """From the projections of the two views."""
-    turn = target[:, :3] @ jnp.linalg.inv(source[:, :3])
-    return Carry(turn, target[:, 3] - turn @ source[:, 3])
-
-
-def partner_pixels(columns: Array, rows: Array, inverse_depth: Array, between: Carry) -> tuple[Array, Array, Array]:
-    """Where a surface point seen at pixel (column, row) of the source view with this inverse depth appears in the
-    target.
-
-    Exact: inverse depth is affine over a face, so this is the ray cut with the face's plane. Returns column, row and
-    the scaled depth (positive in front of the target camera).
-    """
-    turn, shift = between
-    x, y, z = (turn[k, 0] * columns + turn[k, 1] * rows + turn[k, 2] + shift[k] * inverse_depth for k in range(3))
-    safe = jnp.where(z > 1e-6, z, 1.0)
-    return x / safe, y / safe, z
-
-
-def are_near(near_faces: Array, first: Int[Array, "..."], second: Int[Array, "..."]) -> Bool[Array, "..."]:
-    """Geodesic test of Eq. 7 on the bit table; the two broadcast."""
-    words = look_up(near_faces.reshape(-1), first * near_faces.shape[1] + (second >> 5))
-    return ((words >> (second & 31).astype(jnp.uint32)) & 1) == 1
+from ._term import AbstractTerm, Drawn, SoftDrawn
+from ._view_pair import PixelTransfer, are_near, ordered_pairs, partner_pixels, pixel_transfer, pixels_around
 
 
 def _pack(image: Float[Array, "*shape 3"]) -> Int[Array, "*shape"]:
@@ -82,16 +48,16 @@ def _in_region(row: Array, column: Array, region: Region, camera: int | Array) -
     return (row >= top) & (row < top + region.size[0]) & (column >= left) & (column < left + region.size[1])
 
 
-def _counted_up(marks: Bool[Array, "camera down across"]) -> Float[Array, "camera below right"]:
-    """How many marks are above and left of each corner of the tiles: a summed area table."""
-    down, across = (jnp.tril(jnp.ones((extent + 1, extent), jnp.float32), -1) for extent in marks.shape[1:])
-    return jnp.einsum("id,cda,ja->cij", down, marks.astype(jnp.float32), across, precision="highest")
+def _counted_up(dirty: Bool[Array, "camera down across"]) -> Float[Array, "camera below right"]:
+    """How many dirty tiles are above and left of each corner of the tiles: a summed area table."""
+    down, across = (jnp.tril(jnp.ones((extent + 1, extent), jnp.float32), -1) for extent in dirty.shape[1:])
+    return jnp.einsum("id,cda,ja->cij", down, dirty.astype(jnp.float32), across, precision="highest")
 
 
 def _any_within(
     table: Float[Array, "below right"], first: Int[Array, "2 down across"], end: Int[Array, "2 down across"]
 ) -> Bool[Array, "down across"]:
-    """Whether a rectangle of tiles, from `first` to before `end`, holds any mark."""
+    """Whether a rectangle of tiles, from `first` to before `end`, holds any dirty one."""
     width, flat = table.shape[1], table.reshape(-1)
     corners = [look_up(flat, row * width + column) for row in (first[0], end[0]) for column in (first[1], end[1])]
     return corners[3] - corners[2] - corners[1] + corners[0] > 0
@@ -104,10 +70,10 @@ def _region_index(row: Array, column: Array, region: Region, camera: int | Array
     return local_row * (region.size[1] + 2 * WINDOW) + local_column
 
 
-def _meets(problem: FrameProblem, layout: KeyLayout, face: Array, key: Array) -> Array:
+def _meets(group: GroupProblem, face: Array, key: Array) -> Array:
     """Whether the face and the one with this key are geodesically near; False where the key is empty."""
-    other = key & layout.id_mask
-    return (key > layout.empty) & are_near(problem.surface.near_faces, face, jnp.where(key > layout.empty, other, 0))
+    other, drawn = key & group.layout.id_mask, key > group.layout.empty
+    return drawn & are_near(group.frame.surface.near_faces, face, jnp.where(drawn, other, 0))
 
 
 class _Far(NamedTuple):
@@ -150,7 +116,7 @@ class _Places(NamedTuple):
 
 class _Prepared(NamedTuple):
     pairs: Int[Array, "pair 2"]
-    between: Carry
+    between: PixelTransfer
     packed: Int[Array, "camera pixel"]
     base: Int[Array, "camera pixel"]
     own: Int[Array, "camera padded_height padded_width"]
@@ -159,7 +125,10 @@ class _Prepared(NamedTuple):
     known: _Known | None
 
 
-class ViewView(eqx.Module):
+_SoftView = tuple[SoftFaces, Float[Array, "3 4"], Int[Array, "2"], Float[Array, "height width 3"]]
+
+
+class ViewView(AbstractTerm):
     """Eq. 7, summed over ordered camera pairs; `weight` is lambda = 0.3 of Eq. 5.
 
     `step` scores every step-th pixel in both directions (1 is the paper). `sampling` of the other image: "bilinear" or
@@ -177,27 +146,27 @@ class ViewView(eqx.Module):
     outside: Literal["tau", "ignore"] = eqx.field(static=True, default="tau")
     capacity: int = eqx.field(static=True, default=4096)
 
-    name = "view_view"
+    name: ClassVar[str] = "view_view"
 
     def _partner(
         self,
-        between: Carry,
+        between: PixelTransfer,
         keys: Array,
         rows: Array,
         columns: Array,
         m: int | Array,
         n: int | Array,
-        problem: FrameProblem,
-        layout: KeyLayout,
+        group: GroupProblem,
     ):
         """Local float column and row in n's rectangle, and whether the nearest pixel lies inside it."""
-        inverse = layout.inverse_depth(keys, problem.depth_range[m])
-        origin, target = problem.origins[m], problem.origins[n]
+        frame = group.frame
+        inverse = group.layout.inverse_depth(keys, frame.depth_range[m])
+        origin, target = frame.origins[m], frame.origins[n]
         u = columns + (origin[1].astype(jnp.float32) + 0.5)
         v = rows + (origin[0].astype(jnp.float32) + 0.5)
         x, y, z = partner_pixels(u, v, inverse, between)
         x, y = x - (target[1].astype(jnp.float32) + 0.5), y - (target[0].astype(jnp.float32) + 0.5)
-        height, width = problem.size
+        height, width = frame.size
         inside = (z > 1e-6) & (x >= -0.5) & (y >= -0.5) & (x < width - 0.5) & (y < height - 0.5)
         return jnp.where(inside, x, 0.0), jnp.where(inside, y, 0.0), inside
 
@@ -230,33 +199,24 @@ class ViewView(eqx.Module):
         failed = jnp.where(inside, self.fail == "tau", self.outside == "tau")
         return jnp.where(covered, jnp.where(near, colour, jnp.where(failed, TAU, -1.0)), -1.0)
 
-    def _far(
-        self,
-        pair: Array,
-        between: Carry,
-        base: Array,
-        region: Region,
-        packed: Array,
-        problem: FrameProblem,
-        layout: KeyLayout,
-    ) -> _Far:
-        height, width = problem.size
+    def _far(self, pair: Array, between: PixelTransfer, base: Array, packed: Array, group: GroupProblem) -> _Far:
+        region, (height, width) = group.region, group.frame.size
         m, n = pair
         keys = crop(base[m])[:: self.step, :: self.step]
-        ids = layout.face(keys)
+        ids = group.layout.face(keys)
         rows, columns = jnp.meshgrid(
             jnp.arange(0, height, self.step, dtype=jnp.float32),
             jnp.arange(0, width, self.step, dtype=jnp.float32),
             indexing="ij",
         )
-        x, y, inside = self._partner(between, keys, rows, columns, m, n, problem, layout)
+        x, y, inside = self._partner(between, keys, rows, columns, m, n, group)
         column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
         here = ~region_mask(region, m, height, width)[:: self.step, :: self.step] & (ids >= 0)
         there = region_mask(region, n, height, width)[row, column] & inside & here
         own = packed[m].reshape(height, width)[:: self.step, :: self.step]
         at = self._corner(n * (height * width), x, y, width, height)
         colour = self._colour_cost(own, packed.reshape(-1), *at, width)
-        near = inside & _meets(problem, layout, jnp.maximum(ids, 0), crop(base[n])[row, column])
+        near = inside & _meets(group, jnp.maximum(ids, 0), crop(base[n])[row, column])
         fixed = self._pixel_cost(colour, near, inside, here & ~there)
         pick, _, needed = expand(there.reshape(-1).astype(jnp.int32), self.capacity)
         target = _region_index(row, column, region, n)
@@ -269,43 +229,34 @@ class ViewView(eqx.Module):
             needed,
         )
 
-    def prepare(self, base: Array, region: Region, problem: FrameProblem, layout: KeyLayout) -> _Prepared:
-        """What all particles of a group share."""
-        cameras = range(problem.num_cameras)
-        packed = _pack(problem.image)
+    def prepare(self, base: Array, group: GroupProblem) -> _Prepared:
+        frame, region = group.frame, group.region
+        cameras = range(frame.num_cameras)
+        packed = _pack(frame.image)
         own = jnp.stack([jnp.pad(region.cut(packed[c], c), WINDOW) for c in cameras])
-        packed = packed.reshape(problem.num_cameras, -1)
-        pairs = jnp.asarray(ordered_pairs(problem.num_cameras), jnp.int32).reshape(-1, 2)
-        between = jax.vmap(lambda pair: carry(problem.projection[pair[0]], problem.projection[pair[1]]))(pairs)
+        packed = packed.reshape(frame.num_cameras, -1)
+        pairs = jnp.asarray(ordered_pairs(frame.num_cameras), jnp.int32).reshape(-1, 2)
+        between = jax.vmap(lambda pair: pixel_transfer(frame.projection[pair[0]], frame.projection[pair[1]]))(pairs)
         far = None
-        if region.size != problem.size:
-            ways = (pairs, between)
-            far = lax.map(lambda way: self._far(way[0], way[1], base, region, packed, problem, layout), ways)
+        if region.size != frame.size:
+            far = lax.map(lambda way: self._far(way[0], way[1], base, packed, group), (pairs, between))
         below = jnp.stack([region.cut(base[c], c, border=WINDOW) for c in cameras])
-        whole = crop(base).reshape(problem.num_cameras, -1)
+        whole = crop(base).reshape(frame.num_cameras, -1)
         bare = _Prepared(pairs, between, packed, whole, own, far, below, None)
-        known = lax.map(lambda way: self._known(way[0], way[1], bare, region, problem, layout), (pairs, between))
+        known = lax.map(lambda way: self._known(way[0], way[1], bare, group), (pairs, between))
         return bare._replace(known=known)
 
-    def _known(
-        self,
-        pair: Array,
-        between: Carry,
-        bare: _Prepared,
-        region: Region,
-        problem: FrameProblem,
-        layout: KeyLayout,
-    ) -> _Known:
+    def _known(self, pair: Array, between: PixelTransfer, bare: _Prepared, group: GroupProblem) -> _Known:
         """For one pair."""
         (m, n), (_, padded_height, padded_width) = pair, bare.below.shape
-        down, across = (-(-extent // WINDOW) for extent in region.size)
+        down, across = (-(-extent // WINDOW) for extent in group.region.size)
         side = WINDOW // self.step
         lanes = [
             (WINDOW * jnp.arange(tiles)[:, None] + self.step * jnp.arange(side)).reshape(-1) for tiles in (down, across)
         ]
         rows, columns = (grid.reshape(-1) for grid in jnp.meshgrid(*lanes, indexing="ij"))
-        places = self._places(between, bare.below, region, m, n, problem, layout, rows, columns)
-        cost = self._tile_cost(bare, bare.below, problem, layout, *lax.optimization_barrier(places))
+        places = self._places(between, bare.below, group, m, n, rows, columns)
+        cost = self._tile_cost(bare, bare.below, group, *lax.optimization_barrier(places))
         met = (places.face >= 0) & places.inside & (places.drawn >= 0)
         drawn = jnp.maximum(places.drawn - n * (padded_height * padded_width), 0)
         partner = jnp.stack([drawn // padded_width, drawn % padded_width]) - WINDOW
@@ -331,31 +282,27 @@ class ViewView(eqx.Module):
         """Largest number of far pixels, to be compared with `capacity`."""
         return jnp.zeros((), jnp.int32) if prepared.far is None else prepared.far.needed.max(initial=0)
 
-    def score(
-        self,
-        prepared: _Prepared,
-        buffers: Array,
-        outside: Array,
-        region: Region,
-        problem: FrameProblem,
-        layout: KeyLayout,
-    ) -> Float[Array, ""]:
+    def with_capacity(self, capacity: int) -> "ViewView":
+        return replace(self, capacity=capacity)
+
+    def score(self, prepared: _Prepared, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
         """Sum over ordered pairs of the mean over the covered pixels; tau for a view without any (M2 = 0). Only pixels
         whose key, or whose partner's key, is in a tile that the particle changes are scored anew."""
-        changed = changed_marks(buffers, prepared.below)
-        changes = _counted_up(changed)
+        buffers = drawn.buffers
+        dirty = dirty_tiles(buffers, prepared.below)
+        changes = _counted_up(dirty)
 
-        def mean(pair: tuple[Array, Carry, _Far | None, _Known]) -> Array:
+        def mean(pair: tuple[Array, PixelTransfer, _Far | None, _Known]) -> Array:
             (m, n), between, far, known = pair
-            place = partial(self._places, between, buffers, region, m, n, problem, layout)
-            seen = partial(self._tile_cost, prepared, buffers, problem, layout)
-            anew = changed[m] | _any_within(changes[n], known.first, known.end)
+            place = partial(self._places, between, buffers, group, m, n)
+            seen = partial(self._tile_cost, prepared, buffers, group)
+            anew = dirty[m] | _any_within(changes[n], known.first, known.end)
             cost, count = sum_over_tiles(tiles_at(anew), seen, self.step, place)
             cost += jnp.where(anew, 0.0, known.cost).sum()
             count += jnp.where(anew, 0.0, known.count).sum()
             if far is not None:
-                again = partial(self._far_cost, far, buffers, n, problem, layout)
-                more_cost, more_count = sum_in_turns(jnp.minimum(far.needed, self.capacity), self.capacity, again)
+                again = partial(self._far_cost, far, buffers, n, group)
+                more_cost, more_count = sum_in_chunks(jnp.minimum(far.needed, self.capacity), self.capacity, again)
                 cost, count = cost + far.fixed_cost + more_cost, count + far.fixed_count + more_count
             return jnp.where(count > 0, cost / jnp.maximum(count, 1.0), TAU)
 
@@ -363,50 +310,96 @@ class ViewView(eqx.Module):
 
     def _places(
         self,
-        between: Carry,
+        between: PixelTransfer,
         buffers: Array,
-        region: Region,
+        group: GroupProblem,
         m: Array,
         n: Array,
-        problem: FrameProblem,
-        layout: KeyLayout,
         rows: Array,
         columns: Array,
     ) -> _Places:
         """Where pixels of view m's region appear in view n."""
-        height, width = problem.size
+        region, layout, (height, width) = group.region, group.layout, group.frame.size
         pixels = buffers.shape[1] * buffers.shape[2]
         own = m * pixels + (rows + WINDOW) * buffers.shape[2] + columns + WINDOW
         keys = look_up(buffers.reshape(-1), own)
         covered = (keys > layout.empty) & (rows < region.size[0]) & (columns < region.size[1])
         rows, columns = rows + region.corners[m, 0], columns + region.corners[m, 1]
-        x, y, inside = self._partner(between, keys, rows, columns, m, n, problem, layout)
+        x, y, inside = self._partner(between, keys, rows, columns, m, n, group)
         column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
         drawn = n * pixels + _region_index(row, column, region, n)
         elsewhere = (n * height + row) * width + column
-        if region.size != problem.size:
+        if region.size != group.frame.size:
             drawn = jnp.where(_in_region(row, column, region, n), drawn, -1)
         corner, across, along = self._corner(n * (height * width), x, y, width, height)
         face = jnp.where(covered, keys & layout.id_mask, -1)
         return _Places(own, face, inside, drawn, elsewhere, corner, across, along)
 
-    def _tile_cost(
-        self, prepared: _Prepared, buffers: Array, problem: FrameProblem, layout: KeyLayout, *places: Array
-    ) -> Array:
+    def _tile_cost(self, prepared: _Prepared, buffers: Array, group: GroupProblem, *places: Array) -> Array:
         """Cost of pixels at their places; negative where a pixel does not count."""
         at = _Places(*places)
         keys = look_up(buffers.reshape(-1), jnp.maximum(at.drawn, 0))
         if prepared.far is not None:
             keys = jnp.where(at.drawn >= 0, keys, look_up(prepared.base.reshape(-1), at.elsewhere))
-        near = at.inside & _meets(problem, layout, jnp.maximum(at.face, 0), keys)
-        own, (_, width) = look_up(prepared.own.reshape(-1), at.own), problem.size
+        near = at.inside & _meets(group, jnp.maximum(at.face, 0), keys)
+        own, (_, width) = look_up(prepared.own.reshape(-1), at.own), group.frame.size
         colour = self._colour_cost(own, prepared.packed.reshape(-1), at.corner, at.across, at.along, width)
         return self._pixel_cost(colour, near, at.inside, at.face >= 0)
 
-    def _far_cost(
-        self, far: _Far, buffers: Array, n: Array, problem: FrameProblem, layout: KeyLayout, slots: Array
-    ) -> Array:
+    def _far_cost(self, far: _Far, buffers: Array, n: Array, group: GroupProblem, slots: Array) -> Array:
         """Cost of body pixels outside the region whose partner is inside; negative where a pixel does not count."""
         target = n * (buffers.shape[1] * buffers.shape[2]) + look_up(far.target, slots)
-        near = _meets(problem, layout, look_up(far.face, slots), look_up(buffers.reshape(-1), target))
+        near = _meets(group, look_up(far.face, slots), look_up(buffers.reshape(-1), target))
         return self._pixel_cost(look_up(far.cost, slots), near, jnp.ones_like(near), jnp.ones_like(near))
+
+    def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
+        """Each face that shares a pixel looks for its own partner, and near faces count by their share of the partner's
+        pixel."""
+        frame = drawn.frame
+        pairs = np.array(ordered_pairs(frame.num_cameras), np.int32).reshape(-1, 2)
+
+        def mean(pair: Array) -> Array:
+            views = (drawn.seen, frame.projection, frame.origins, frame.image)
+            own, other = (jax.tree.map(lambda leaf, c=camera: leaf[c], views) for camera in pair)
+            return self._soft_mean(own, other, drawn)
+
+        return lax.map(mean, jnp.asarray(pairs)).sum() if len(pairs) else jnp.zeros(())
+
+    def _soft_mean(self, own_view: _SoftView, other_view: _SoftView, drawn: SoftDrawn) -> Array:
+        """Eq. 7 from one view to another: the mean over what is covered in the first of the colour difference."""
+        own, own_projection, own_origin, own_image = own_view
+        other, other_projection, other_origin, other_image = other_view
+        frame, settings, (height, width) = drawn.frame, drawn.settings, drawn.frame.size
+        on_grid = (own.pixel // width % self.step == 0) & (own.pixel % width % self.step == 0)
+        use = (lax.stop_gradient(own.share) > 0) & on_grid[:, None] & (own.live > 0)[:, None]
+        capacity = -(-settings.shares // self.step**2)
+        pick, _, count = expand(use.reshape(-1).astype(jnp.int32), capacity)
+        live = jnp.arange(capacity) < count
+        entry, layer = pick // settings.layers, pick % settings.layers
+        share = jnp.where(live, own.share[entry, layer], 0.0)
+        pixel, face, inverse = own.pixel[entry], jnp.maximum(own.face[entry, layer], 0), own.inverse_depth[entry, layer]
+        source, target = own_origin.astype(jnp.float32) + 0.5, other_origin.astype(jnp.float32) + 0.5
+        u, v = (pixel % width).astype(jnp.float32) + source[1], (pixel // width).astype(jnp.float32) + source[0]
+        x, y, z = partner_pixels(u, v, inverse, pixel_transfer(own_projection, other_projection))
+        x, y = x - target[1], y - target[0]
+        inside = (z > 1e-6) & (x >= -0.5) & (y >= -0.5) & (x < width - 0.5) & (y < height - 0.5)
+        x, y = jnp.where(inside, x, 0.0), jnp.where(inside, y, 0.0)
+
+        near, colour = jnp.zeros_like(share), jnp.zeros((*share.shape, 3))
+        smooth = 1.0 if self.sampling == "bilinear" else settings.width
+        for row, column, part, part_of_colour in pixels_around(x, y, settings.width, smooth):
+            fits = inside & (row >= 0) & (column >= 0) & (row < height) & (column < width)
+            place = jnp.clip(row, 0, height - 1) * width + jnp.clip(column, 0, width - 1)
+            slot = other.slot[place]
+            there = jnp.minimum(slot, settings.pixels - 1)
+            faces = jnp.where((slot < settings.pixels)[:, None], other.face[there], -1)
+            agree = (faces >= 0) & are_near(frame.surface.near_faces, face[:, None], jnp.maximum(faces, 0))
+            near += part * jnp.where(fits, jnp.where(agree, other.share[there], 0.0).sum(1), 0.0)
+            colour += part_of_colour[:, None] * other_image.reshape(-1, 3)[place]
+        difference = ((own_image.reshape(-1, 3)[pixel] - colour) ** 2).sum(-1)
+        distance = jnp.where(difference > 0, jnp.sqrt(jnp.where(difference > 0, difference, 1.0)), 0.0)
+        cost = jnp.minimum(distance / self.colour_scale, TAU)
+        failed = jnp.where(inside, float(self.fail == "tau"), float(self.outside == "tau"))
+        paid = (share * (near * cost + (1.0 - near) * failed * TAU)).sum()
+        counted = (share * (near + (1.0 - near) * failed)).sum()
+        return jnp.where(counted > 0, paid / jnp.where(counted > 0, counted, 1.0), TAU)

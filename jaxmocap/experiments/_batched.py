@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from jaxmocap._results import InputError
 from jaxmocap.character import Character, Pose
-from jaxmocap.energies import BodyPart, Region, SearchEnergy, body_part, part_jobs, prepare_base, score_particles
+from jaxmocap.energies import GroupProblem, SearchEnergy, body_part, part_windows, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import Driver, best_driver
 from jaxmocap.samplers import AbstractSampler, run
@@ -33,12 +33,11 @@ class _Particles(eqx.Module):
     base: Any
 
     def __call__(self, values: Float[Array, "particle group_dof"]) -> Float[Array, "particle"]:
-        s = self.search
-        increments = jnp.zeros((values.shape[0], s.character.skeleton.num_dofs)).at[:, jnp.array(s.dofs)].set(values)
-        scores = score_particles(
-            self.energy, s.character, s.part, s.pose, s.problem, s.region, self.base, increments, s.capacity, s.driver
-        )
-        return jnp.where(scores.needed > s.capacity, jnp.nan, scores.total)
+        search, group = self.search, self.search.group
+        still = jnp.zeros((values.shape[0], group.character.skeleton.num_dofs))
+        increments = still.at[:, jnp.array(search.dofs)].set(values)
+        scores = score_particles(self.energy, group, self.base, increments, search.capacity, search.driver)
+        return jnp.where(scores.needed > search.capacity, jnp.nan, scores.total)
 
 
 class SearchBatch(eqx.Module):
@@ -50,11 +49,7 @@ class SearchBatch(eqx.Module):
 
     energy: SearchEnergy
     sampler: AbstractSampler
-    character: Character
-    part: BodyPart
-    pose: Pose
-    problem: FrameProblem
-    region: Region
+    group: GroupProblem
     spread: Float[Array, "group_dof"]
     lower: Float[Array, "group_dof"]
     upper: Float[Array, "group_dof"]
@@ -81,22 +76,18 @@ class SearchBatch(eqx.Module):
         if group not in groups:
             raise InputError(f"there is no group '{group}'; choose one of {', '.join(groups)}.")
         dofs, skeleton = groups[group], character.skeleton
-        part, coarse = body_part(character, dofs), problem.coarser(step)
-        region = Region(jnp.zeros((coarse.num_cameras, 2), jnp.int32), coarse.size)
+        part = body_part(character, dofs)
+        whole = GroupProblem.whole(character, part, pose, problem.coarser(step))
         reach = jnp.array([0.5, 0.5, 0.5, 1.2, 1.2, 1.2])
         lower = jnp.concatenate([-reach, skeleton.lower - pose.angles])[jnp.array(dofs)]
         upper = jnp.concatenate([reach, skeleton.upper - pose.angles])[jnp.array(dofs)]
         spread = jnp.asarray(skeleton.initial_spread[np.array(dofs)], jnp.float32)
         capacity = 2 ** int(np.ceil(np.log2(2 * part.faces.shape[1])))
         posed = part.posed(character, pose)
-        needed = [
-            part_jobs(part, posed, coarse, jnp.asarray(c), region, capacity)[0].needed
-            for c in range(coarse.num_cameras)
-        ]
+        cameras = range(whole.frame.num_cameras)
+        needed = [part_windows(whole, posed, jnp.asarray(camera), capacity)[0].needed for camera in cameras]
         capacity = max(capacity, 2 ** int(np.ceil(np.log2(2 * max(int(n) for n in needed) + 1))))
-        return SearchBatch(
-            energy, sampler, character, part, pose, coarse, region, spread, lower, upper, dofs, capacity, driver
-        )
+        return SearchBatch(energy, sampler, whole, spread, lower, upper, dofs, capacity, driver)
 
     def one(self, energy: SearchEnergy, key: PRNGKeyArray) -> tuple[Float[Array, "dof"], Float[Array, ""]]:
         """The increment found with this energy and key, and its energy."""
@@ -124,12 +115,10 @@ class SearchBatch(eqx.Module):
 @eqx.filter_jit
 def _one(batch: SearchBatch, energy: SearchEnergy, key: PRNGKeyArray):
     b = batch
-    base = prepare_base(
-        energy, b.character, b.part, b.pose, b.problem, b.region, 2 ** (len(b.character.faces) - 1).bit_length()
-    )
+    base = prepare_base(energy, b.group, 2 ** (len(b.group.character.faces) - 1).bit_length())
     start = jnp.zeros(len(b.dofs))
     best, info = run(b.sampler, _Particles(b, energy, base), start, b.spread, b.lower, b.upper, key)
-    return jnp.zeros(b.character.skeleton.num_dofs).at[jnp.array(b.dofs)].set(best), info.energy
+    return jnp.zeros(b.group.character.skeleton.num_dofs).at[jnp.array(b.dofs)].set(best), info.energy
 
 
 @eqx.filter_jit

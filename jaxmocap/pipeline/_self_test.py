@@ -14,7 +14,15 @@ import numpy as np
 
 from jaxmocap.capture import FrameReader, index_video
 from jaxmocap.character import Pose, retract, skin
-from jaxmocap.energies import ModelView, Region, SearchEnergy, body_part, prepare_base, score_particles, soft_score
+from jaxmocap.energies import (
+    GroupProblem,
+    ModelView,
+    SearchEnergy,
+    body_part,
+    prepare_base,
+    score_particles,
+    soft_score,
+)
 from jaxmocap.observation import FrameProblem, build_problem, place_rectangle, projected_box, surface_of
 from jaxmocap.render import SoftSettings, face_ids
 from jaxmocap.samplers import CrossEntropy, run as run_search
@@ -96,15 +104,13 @@ class _World:
         """Eq. 6 of particles that move the whole body, (particle, 3) metres."""
         energy, character = SearchEnergy((ModelView(),)), self.truth.character
         part = body_part(character, character.skeleton.group("root"))
-        region = Region(jnp.zeros((2, 2), jnp.int32), self.problem.size)
-        base = prepare_base(energy, character, part, self.pose, self.problem, region, 16)
+        group = GroupProblem.whole(character, part, self.pose, self.problem)
+        base = prepare_base(energy, group, 16)
 
         @eqx.filter_jit
         def score(moves):
             increments = jnp.zeros((len(moves), character.skeleton.num_dofs)).at[:, :3].set(moves)
-            return score_particles(
-                energy, character, part, self.pose, self.problem, region, base, increments, _WINDOWS
-            ).total
+            return score_particles(energy, group, base, increments, _WINDOWS).total
 
         return score
 
@@ -146,7 +152,10 @@ class _World:
         return bool(slope[0] > 0) and alike, said
 
     def search(self) -> tuple[bool, str]:
-        sampler, limit = CrossEntropy(num_particles=_PARTICLES, num_iterations=6, num_elites=8), jnp.full(3, 0.2)
+        sampler, limit = (
+            CrossEntropy(num_particles=_PARTICLES, num_iterations=6, elites=8 / _PARTICLES),
+            jnp.full(3, 0.2),
+        )
         start = jnp.array([_OFF, 0.0, 0.0])
         found, _ = run_search(sampler, self.scores, start, 0.25 * limit, -limit, limit, jax.random.key(0))
         error = 100 * float(jnp.linalg.norm(found))

@@ -1,4 +1,4 @@
-"""The same problem through a general least squares library, as a check and an alternative."""
+"""The refinement problem through a general least squares library: the tracker's refiner."""
 
 from collections.abc import Callable
 from typing import Literal
@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 from jaxmocap._results import InputError
 from jaxmocap._types import Knob, knob
 
-from ._base import AbstractRefiner, Refined
-from ._problem import RefineProblem
+from ._problem import AbstractRefiner, Refined, RefineProblem
 
 Method = Literal["levenberg_marquardt", "dogleg"]
 METHODS = {"levenberg_marquardt": optx.LevenbergMarquardt, "dogleg": optx.Dogleg}
@@ -25,8 +24,9 @@ class LeastSquares(AbstractRefiner):
 
     The smoothed term enters as the residual `sqrt(l1) (x^2 + eps^2)^(1/4)`, and eps falls through `smoothing`, each
     solve starting at the last result. Afterwards increments below ten times the last eps become 0 where 0 is optimal.
-    The box is a quadratic penalty, `bound_weight` times the stiffest degree of freedom, then a clip. Agrees with
-    `Shooting` to 2e-4 radians in double precision and 2e-3 in single; `Shooting` is faster, exact and the reference.
+    The box is a quadratic penalty, `bound_weight` times the stiffest degree of freedom, then a clip. Agrees to 2e-4
+    radians in double precision, and 2e-3 in single, with `Shooting`, which is exact and the reference. In a tracker the
+    two end as near to the truth and take as long (docs/choosing.md); this one compiles sooner and is the default.
 
     - `method`: `"levenberg_marquardt"` (default) or `"dogleg"`.
     - `max_steps`: per value of eps. The last one needs 100 to 600.

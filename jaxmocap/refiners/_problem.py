@@ -1,12 +1,13 @@
-"""The refinement problem: least squares, an L1 term towards zero, a prior, and a box."""
+"""The refinement problem: least squares, an L1 term towards zero, a prior and a box; and what every refiner is."""
 
+import abc
 from collections.abc import Callable
 from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._results import InputError
 from jaxmocap._types import Knob, knob
@@ -116,6 +117,41 @@ class RefineProblem(eqx.Module):
     def _scaled_prior_floor(self) -> Float[Array, ""]:
         largest = jnp.max(self.prior_weight)
         return self.prior_floor * jnp.where(largest > 0, largest, 1.0)
+
+
+class Refined(eqx.Module):
+    """Arrays only, so that it passes through `vmap`. Nothing is raised: look at `converged`."""
+
+    value: Float[Array, "dof"]
+    objective: Float[Array, ""]
+    history: Float[Array, "round"]  # objective after each round
+    stationarity: Float[Array, ""]  # largest violation of the optimality conditions, see `RefineProblem.stationarity`
+    steps: Int[Array, ""]
+    converged: Bool[Array, ""]
+
+
+class AbstractRefiner(eqx.Module):
+    """Minimises a `RefineProblem` from a start. The norm `"l2"` is handled here, by reweighting, for every refiner."""
+
+    reweights: eqx.AbstractVar[int]
+
+    @abc.abstractmethod
+    def solve(self, problem: RefineProblem, start: Float[Array, "dof"]) -> Refined:
+        """Minimise a problem of norm `"squared"` from a start inside the box."""
+
+    def refine(self, problem: RefineProblem, start: Float[Array, "dof"]) -> Refined:
+        """Minimise `problem` from `start`: the warm start, for example the search's result minus chi_{t-1}."""
+        start = jnp.clip(start, problem.lower, problem.upper)
+        if problem.norm == "squared":
+            return self.solve(problem, start)
+
+        def reweight(delta: Float[Array, "dof"], _: None) -> tuple[Array, tuple[Array, Array, Array]]:
+            solved = self.solve(problem.reweighted(delta), delta)
+            return solved.value, (problem.objective(solved.value), solved.steps, solved.converged)
+
+        value, (history, steps, converged) = jax.lax.scan(reweight, start, length=self.reweights)
+        objective, violation = history[-1], problem.stationarity(value)
+        return Refined(value, objective, history, violation, jnp.sum(steps), converged[-1])
 
 
 def _safe_norm(vectors: Float[Array, "*group size"]) -> Float[Array, "*group"]:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 from jaxmocap._cache import cached_jit
 
 from ._keys import KeyLayout, crop, empty_buffer
-from ._windows import draw, to_screen, window_jobs
+from ._windows import Faces, draw, to_screen, window_list
 
 
 def projection_matrices(
@@ -39,11 +39,11 @@ def _face_ids(vertices, faces, intrinsics, cam_from_world, origins, height, widt
         projection, world, origin = view
         depth_range = inverse_depth_range(vertices, world)
         screen = to_screen(vertices, projection, origin)
-        jobs, _ = window_jobs(screen, faces.T, numbers, None, height, width, depth_range, layout, capacity)
-        keys = crop(draw(empty_buffer(layout, height, width), jobs, layout))
+        listed, _ = window_list(screen, Faces(faces.T, numbers), (height, width), depth_range, layout, capacity)
+        keys = crop(draw(empty_buffer(layout, height, width), listed, layout))
         ids = layout.face(keys)
         inverse = jnp.where(ids >= 0, layout.inverse_depth(keys, depth_range), 0.0)
-        return ids, inverse, jobs.needed
+        return ids, inverse, listed.needed
 
     return jax.lax.map(one_view, (projection_matrices(intrinsics, cam_from_world), cam_from_world, origins))
 

@@ -59,7 +59,7 @@ def _as_int(value: Float[Array, "*n"]) -> Int[Array, "*n"]:
     return lax.bitcast_convert_type(value, jnp.int32)
 
 
-def _jobs(screen, faces, height, width_pixels, reach, depth_range, layout, capacity):
+def _windows(screen, faces, height, width_pixels, reach, depth_range, layout, capacity):
     """Windows of all front faces that come within `reach` pixels of a pixel centre."""
     x, y, inverse = screen[0][faces], screen[1][faces], screen[2][faces]
     first_x, last_x = jnp.ceil(x.min(0) - reach), jnp.floor(x.max(0) + reach)
@@ -105,7 +105,7 @@ def _plane(x: Array, y: Array, value: Array) -> tuple[Array, Array, Array]:
 def _layers(screen, faces, height, width, depth_range, layout, settings):
     """Keys (layer, height, width) of the nearest faces that touch each pixel's square, nearest first."""
     reach = 0.5 * settings.width
-    records, count, needed = _jobs(screen, faces, height, width, reach, depth_range, layout, settings.windows)
+    records, count, needed = _windows(screen, faces, height, width, reach, depth_range, layout, settings.windows)
     column, row, face = (_as_int(records[:, k]) for k in (11, 12, 13))
     lane = jnp.arange(WINDOW)
     shape = (records.shape[0], WINDOW, WINDOW)

@@ -36,33 +36,33 @@ def _highest(values: Int[Array, "*lead padded_height padded_width"]) -> Int[Arra
     return rows.reshape(*rows.shape[:-1], across, WINDOW).max(-1)
 
 
-def covered_marks(
+def covered_tiles(
     buffer: Int[Array, "*lead padded_height padded_width"], layout: KeyLayout
 ) -> Bool[Array, "*lead down across"]:
     """The tiles in which a pixel is covered."""
     return _highest(buffer) > layout.empty
 
 
-def changed_marks(
+def dirty_tiles(
     buffer: Int[Array, "*lead padded_height padded_width"], below: Int[Array, "*lead padded_height padded_width"]
 ) -> Bool[Array, "*lead down across"]:
     """The tiles in which a key differs from that of another buffer."""
     return _highest(buffer ^ below) > 0
 
 
-def tiles_at(marks: Bool[Array, "down across"]) -> Tiles:
-    """The marked tiles in reading order. There is room for all."""
-    marked = marks.reshape(-1)
+def tiles_at(chosen: Bool[Array, "down across"]) -> Tiles:
+    """The chosen tiles in reading order. There is room for all."""
+    marked = chosen.reshape(-1)
     ends = running_sum(marked.astype(jnp.int32))
     slots = jnp.where(marked, ends - 1, marked.size)
-    starts = (WINDOW * np.indices(marks.shape, np.int32)).reshape(2, -1)
+    starts = (WINDOW * np.indices(chosen.shape, np.int32)).reshape(2, -1)
     rows, columns = (
         jnp.zeros(marked.size, jnp.int32).at[slots].set(value, mode="drop", unique_indices=True) for value in starts
     )
     return Tiles(rows, columns, ends[-1])
 
 
-def sum_in_turns(
+def sum_in_chunks(
     count: Int[Array, ""],
     capacity: int,
     cost: Callable[..., Float[Array, "n"]],
@@ -76,8 +76,8 @@ def sum_in_turns(
     """
     at_once = min(_PIXELS_AT_ONCE, capacity)
 
-    def body(turn: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
-        slots = turn * at_once + jnp.arange(at_once)
+    def body(chunk: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+        slots = chunk * at_once + jnp.arange(at_once)
         placed = _kept(count, lambda: tuple(place(jnp.minimum(slots, capacity - 1))))
         found = lax.optimization_barrier(jnp.where(slots < count, cost(*placed), -1.0))
         counted = found >= 0
@@ -102,7 +102,7 @@ def sum_over_tiles(
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Sum and number of the costs that are not negative over every `step`-th row and column of the covered tiles.
 
-    `cost(*place(rows, columns))` leaves a pixel out by a negative cost; `place` as for `sum_in_turns`. A tile holds
+    `cost(*place(rows, columns))` leaves a pixel out by a negative cost; `place` as for `sum_in_chunks`. A tile holds
     pixels that are not covered, and reaches up to seven pixels beyond the picture.
     """
     side = WINDOW // step  # a power of two: shifts, since XLA divides integers one by one
@@ -115,4 +115,4 @@ def sum_over_tiles(
         columns = look_up(tiles.columns, tile) + (lane & (side - 1)) * step
         return place(rows, columns)
 
-    return sum_in_turns(tiles.count * lanes, tiles.rows.size * lanes, cost, in_tiles)
+    return sum_in_chunks(tiles.count * lanes, tiles.rows.size * lanes, cost, in_tiles)

@@ -36,7 +36,7 @@ def best_driver() -> Driver:
     return "loop" if jax.default_backend() == "cpu" else "scatter"
 
 
-class Jobs(eqx.Module):
+class WindowList(eqx.Module):
     """Windows to draw: slot i holds window number `rank[i]` of face `item[i]`, for the first `count` of `capacity`
     slots. The rest is what their planes are computed from."""
 
@@ -114,7 +114,7 @@ def expand(
     return item, jnp.arange(capacity, dtype=jnp.int32) - look_up(starts, item), ends[-1]
 
 
-def expand_in_turn(
+def expand_one_by_one(
     counts: Int[Array, "n"], capacity: int
 ) -> tuple[Int[Array, "capacity"], Int[Array, "capacity"], Int[Array, ""]]:
     """What `expand` says, found one item and one slot after the other, which takes a CPU less than half the time."""
@@ -195,20 +195,25 @@ def _set_up(places: Places, top: Array, left: Array, height: int, width: int) ->
     return _Setup((first_x, first_y), moved, area, (skip_x, skip_y), end_x - skip_x + 1, end_y - skip_y + 1, drawn)
 
 
-def window_jobs(
+class Faces(NamedTuple):
+    """Corners of faces, their numbers in the whole mesh, and which of them to draw (None: all)."""
+
+    corners: Int[Array, "3 face"]
+    numbers: Int[Array, "face"]
+    active: Bool[Array, "face"] | None = None
+
+
+def window_list(
     screen: Float[Array, "3 vertex"],
-    faces: Int[Array, "3 face"],
-    face_numbers: Int[Array, "face"],
-    active: Bool[Array, "face"] | None,
-    height: int,
-    width: int,
+    faces: Faces,
+    size: tuple[int, int],
     depth_range: Float[Array, "2"],
     layout: KeyLayout,
     capacity: int,
     corner: Int[Array, "2"] | None = None,
     driver: Driver | None = None,
-) -> tuple[Jobs, Places]:
-    """The windows of every front face that touches a rectangle of `height` x `width` pixels, and the corners of all
+) -> tuple[WindowList, Places]:
+    """The windows of every front face that touches a rectangle of `size` (height, width) pixels, and the corners of all
     faces on the screen.
 
     `corner` is the row and column, in the coordinates of `screen`, of the buffer's first pixel (default 0, 0). Faces
@@ -218,27 +223,28 @@ def window_jobs(
     """
     top, left = (jnp.zeros((), jnp.int32),) * 2 if corner is None else (corner[0], corner[1])
     points = screen_points(screen)
-    places = corner_places(points, faces)
-    seen = _set_up(places, top, left, height, width)
-    drawn = seen.drawn if active is None else seen.drawn & active
+    places = corner_places(points, faces.corners)
+    seen = _set_up(places, top, left, *size)
+    drawn = seen.drawn if faces.active is None else seen.drawn & faces.active
     counts = lax.optimization_barrier(jnp.where(drawn, seen.across * seen.down, 0))
-    expanded = expand_in_turn if (driver or best_driver()) == "loop" else expand
+    expanded = expand_one_by_one if (driver or best_driver()) == "loop" else expand
     item, rank, needed = expanded(counts, capacity)
 
     scale = layout.depth_levels / (depth_range[1] - depth_range[0])
     levels = jnp.clip((screen[2] - depth_range[0]) * scale, 0.0, float(layout.depth_levels)) + 1.0
     item, rank, levels = lax.optimization_barrier((item, rank, levels))
     count = jnp.minimum(needed, capacity)
-    return Jobs(item, rank, count, needed, faces, face_numbers, points, levels, (top, left), (height, width)), places
+    listed = WindowList(item, rank, count, needed, faces.corners, faces.numbers, points, levels, (top, left), size)
+    return listed, places
 
 
-def planned_windows(jobs: Jobs, item: Int[Array, "n"], rank: Int[Array, "n"]) -> Windows:
+def planned_windows(listed: WindowList, item: Int[Array, "n"], rank: Int[Array, "n"]) -> Windows:
     """The planes of some windows, from the corners of the face of each."""
-    top, left = jobs.corner
-    of_item = lax.optimization_barrier(tuple(look_up(vertices, item) for vertices in jobs.faces))
-    level = lax.optimization_barrier(tuple(look_up(jobs.levels, vertex) for vertex in of_item))
-    number = look_up(jobs.numbers, item)
-    face = _set_up(corner_places(jobs.points, of_item), top, left, *jobs.size)
+    top, left = listed.corner
+    of_item = lax.optimization_barrier(tuple(look_up(vertices, item) for vertices in listed.faces))
+    level = lax.optimization_barrier(tuple(look_up(listed.levels, vertex) for vertex in of_item))
+    number = look_up(listed.numbers, item)
+    face = _set_up(corner_places(listed.points, of_item), top, left, *listed.size)
     (ax, bx, cx), (ay, by, cy) = face.places
     inv_area = jnp.where(face.drawn, 1.0 / jnp.where(face.drawn, face.area, -1.0), 0.0)
     a0, b0 = -(cy - by) * inv_area, (cx - bx) * inv_area
@@ -270,30 +276,35 @@ def _window_keys(planes: tuple[Array, ...], face: Int[Array, ""], layout: KeyLay
 
 def draw(
     buffer: Int[Array, "padded_height padded_width *one"],
-    jobs: Jobs,
+    listed: WindowList,
     layout: KeyLayout,
     first_row: int | Array = 0,
     driver: Driver | None = None,
 ) -> Int[Array, "padded_height padded_width *one"]:
     """Draw the windows into the buffer, whose picture may start further down at `first_row`. The default driver is the
     machine's `best_driver`. In a loop give the buffer a last axis of length one: XLA would copy it to add one."""
-    put = draw_in_turn if (driver or best_driver()) == "loop" else draw_scatter
-    return put(buffer, jobs, layout, first_row)
+    put = draw_one_by_one if (driver or best_driver()) == "loop" else draw_scatter
+    return put(buffer, listed, layout, first_row)
 
 
-def draw_in_turn(
-    buffer: Int[Array, "padded_height padded_width *one"], jobs: Jobs, layout: KeyLayout, first_row: int | Array = 0
+def draw_one_by_one(
+    buffer: Int[Array, "padded_height padded_width *one"],
+    listed: WindowList,
+    layout: KeyLayout,
+    first_row: int | Array = 0,
 ) -> Int[Array, "padded_height padded_width *one"]:
     """Draw the windows one after the other, some hundred planned at a time, so that empty slots cost nothing. Iterate
     particles with `lax.map`, not `vmap`."""
-    capacity = jobs.item.shape[0]
+    capacity = listed.item.shape[0]
     at_once = min(_AT_ONCE, capacity)
     missing = -capacity % at_once
-    items, ranks = (jnp.pad(values, (0, missing)) for values in (jobs.item, jobs.rank))
+    items, ranks = (jnp.pad(values, (0, missing)) for values in (listed.item, listed.rank))
 
-    def some(turn: Array, keys: Array) -> Array:
-        first = turn * at_once
-        windows = planned_windows(jobs, *(lax.dynamic_slice(values, (first,), (at_once,)) for values in (items, ranks)))
+    def some(chunk: Array, keys: Array) -> Array:
+        first = chunk * at_once
+        windows = planned_windows(
+            listed, *(lax.dynamic_slice(values, (first,), (at_once,)) for values in (items, ranks))
+        )
 
         def one(i: Array, keys: Array) -> Array:
             planes, column, row, face = jax.tree.map(lambda values: look_up(values, i), windows)
@@ -301,19 +312,22 @@ def draw_in_turn(
             old = lax.dynamic_slice(keys, corner, (WINDOW, WINDOW, 1))
             return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(planes, face, layout)), corner)
 
-        return lax.fori_loop(0, jnp.minimum(jobs.count - first, at_once), one, keys)
+        return lax.fori_loop(0, jnp.minimum(listed.count - first, at_once), one, keys)
 
-    keys = lax.fori_loop(0, -(-jobs.count // at_once), some, buffer.reshape(*buffer.shape[:2], 1))
+    keys = lax.fori_loop(0, -(-listed.count // at_once), some, buffer.reshape(*buffer.shape[:2], 1))
     return keys.reshape(buffer.shape)
 
 
 def draw_scatter(
-    buffer: Int[Array, "padded_height padded_width *one"], jobs: Jobs, layout: KeyLayout, first_row: int | Array = 0
+    buffer: Int[Array, "padded_height padded_width *one"],
+    listed: WindowList,
+    layout: KeyLayout,
+    first_row: int | Array = 0,
 ) -> Int[Array, "padded_height padded_width *one"]:
     """Draw all windows at once by a scatter of maxima: the form for `vmap` on a GPU or TPU. Same keys, same bits."""
-    windows = planned_windows(jobs, jobs.item, jobs.rank)
+    windows = planned_windows(listed, listed.item, listed.rank)
     keys = jax.vmap(lambda planes, face: _window_keys(planes, face, layout)[..., 0])(windows.planes, windows.face)
-    live = (jnp.arange(jobs.item.shape[0]) < jobs.count)[:, None, None]
+    live = (jnp.arange(listed.item.shape[0]) < listed.count)[:, None, None]
     lanes = jnp.arange(WINDOW)
     index_x = windows.column[:, None, None] + lanes[None, None, :]
     index_y = first_row + windows.row[:, None, None] + lanes[None, :, None]

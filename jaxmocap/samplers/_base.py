@@ -1,7 +1,8 @@
 """What every sampler is: it proposes particles, is told their energies, and names an answer."""
 
 import abc
-from typing import Literal
+from dataclasses import fields, replace
+from typing import Literal, Self
 
 import equinox as eqx
 import jax
@@ -10,15 +11,37 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
 
-from ._limits import reflect
-from ._resampling import effective_sample_size
-
 Answer = Literal["mean", "best_if_better"]
 
 
 def particles_for(num_dofs: int) -> int:
     """Sec. 4.1 of the paper: `2^n + 40` particles for a group of n degrees of freedom (104 for 6, 168 for 7)."""
     return 2**num_dofs + 40
+
+
+def reflect(
+    particles: Float[Array, "*batch dof"], lower: Float[Array, "dof"], upper: Float[Array, "dof"]
+) -> Float[Array, "*batch dof"]:
+    """Fold values back at the limits, as often as needed. Clipping would collect particles on the wall.
+
+    Infinite limits are allowed on either side; equal limits pin the value.
+    """
+    two_sided = jnp.isfinite(lower) & jnp.isfinite(upper)
+    width = jnp.where(two_sided, upper - lower, 1.0)
+    safe_width = jnp.where(width > 0, width, 1.0)
+    low = jnp.where(jnp.isfinite(lower), lower, 0.0)
+    high = jnp.where(jnp.isfinite(upper), upper, 0.0)
+    phase = jnp.mod(particles - low, 2 * safe_width)
+    folded = low + jnp.where(phase > safe_width, 2 * safe_width - phase, phase)
+    above = jnp.where(jnp.isfinite(lower), low + jnp.abs(particles - low), particles)
+    one_sided = jnp.where(jnp.isfinite(upper), high - jnp.abs(high - particles), above)
+    inside = (particles >= lower) & (particles <= upper)
+    return jnp.clip(jnp.where(inside, particles, jnp.where(two_sided, folded, one_sided)), lower, upper)
+
+
+def effective_sample_size(weights: Float[Array, "particle"]) -> Float[Array, ""]:
+    """`(sum w)^2 / sum w^2`: how many equally weighted particles the set is worth."""
+    return jnp.sum(weights) ** 2 / jnp.sum(weights**2)
 
 
 class Proposal(eqx.Module):
@@ -58,15 +81,20 @@ class AbstractState(eqx.Module):
 class AbstractSampler(eqx.Module):
     """Minimise an energy over a box by proposing particles (`ask`) and being told their energies (`tell`).
 
-    Samplers know arrays only. The caller scores: see `run` (one compiled loop) and `run_stepwise` (energies computed on
-    the host). `answer` says what the driver returns: `"mean"` is the sampler's own estimate, never evaluated (the
-    paper's weighted average); `"best_if_better"` evaluates that estimate in one further set and returns the
-    particle with the lowest energy ever seen.
+    Samplers know arrays only. The caller scores: see `run`. `answer` says what `run` returns: `"mean"` is the sampler's
+    own estimate, never evaluated (the paper's weighted average); `"best_if_better"` evaluates that estimate in one
+    further set and returns the particle with the lowest energy ever seen.
     """
 
     num_particles: eqx.AbstractVar[int]
     num_iterations: eqx.AbstractVar[int]
     answer: eqx.AbstractVar[Answer]
+
+    def sized(self, num_particles: int, num_iterations: int, sigma_min: Float[Array, "dof"]) -> Self:
+        """This sampler with another budget and, where it has one, another floor of the deviation."""
+        sizes = {"num_particles": num_particles, "num_iterations": num_iterations, "sigma_min": sigma_min}
+        own = {field.name for field in fields(self)}
+        return replace(self, **{name: value for name, value in sizes.items() if name in own})
 
     @abc.abstractmethod
     def init(

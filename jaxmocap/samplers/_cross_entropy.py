@@ -31,14 +31,14 @@ class CrossEntropyState(AbstractState):
 class CrossEntropy(AbstractSampler):
     """The cross-entropy method, Rubinstein, Methodology and Computing in Applied Probability 1, 1999.
 
-    Draw from a Gaussian with independent dimensions, refit it to the `num_elites` best particles, repeat. `smoothing`
-    is the share of the old mean and deviation that is kept; `sigma_min` the floor of the deviation (scalar or one per
-    dimension).
+    Draw from a Gaussian with independent dimensions, refit it to the best share `elites` of the particles, repeat.
+    `smoothing` is the share of the old mean and deviation that is kept; `sigma_min` the floor of the deviation (scalar
+    or one per dimension).
     """
 
     num_particles: int = eqx.field(static=True, default=168)
     num_iterations: int = eqx.field(static=True, default=25)
-    num_elites: int = eqx.field(static=True, default=25)
+    elites: float = eqx.field(static=True, default=0.15)
     answer: Answer = eqx.field(static=True, default="best_if_better")
     smoothing: Knob = knob(0.2)
     sigma_min: Float[Array, "*dof"] = knob(0.00436)
@@ -64,7 +64,7 @@ class CrossEntropy(AbstractSampler):
         key: PRNGKeyArray,
     ) -> tuple[CrossEntropyState, StepInfo]:
         energies = finite_or_inf(energies)
-        order = jnp.argsort(energies, stable=True)[: self.num_elites]
+        order = jnp.argsort(energies, stable=True)[: max(round(self.elites * self.num_particles), 1)]
         share = jnp.isfinite(energies[order]).astype(particles.dtype)
         share = jnp.where(jnp.any(share > 0), share, 1.0)
         elite_mean, elite_deviation = weighted_mean_and_deviation(particles[order], share)

@@ -10,7 +10,15 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from jaxmocap._results import InputError
 from jaxmocap._types import Knob, knob
 
-from ._annealing import Schedule, beta_for_effective_sample_size, boltzmann_weights, energy_gaps, energy_scale
+from ._annealing import (
+    Schedule,
+    beta_for_effective_sample_size,
+    boltzmann_weights,
+    energy_gaps,
+    energy_scale,
+    multinomial,
+    systematic,
+)
 from ._base import (
     AbstractSampler,
     AbstractState,
@@ -22,7 +30,6 @@ from ._base import (
     step_info,
     weighted_mean_and_deviation,
 )
-from ._resampling import multinomial, systematic
 
 Epsilon = Literal["inverse_max", "zero"]
 Resampling = Literal["multinomial", "systematic"]

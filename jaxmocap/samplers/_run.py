@@ -1,7 +1,7 @@
-"""Drivers: score what a sampler asks for, tell it, repeat."""
+"""The loop of a search: score what a sampler asks for, tell it, repeat."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -39,45 +39,36 @@ class _Row(eqx.Module):
     first_energy: Float[Array, ""]
 
 
-@eqx.filter_jit
+class Pool(NamedTuple):
+    """Candidates for the first set, of which the `keep` with the lowest energies are taken."""
+
+    candidates: Float[Array, "candidate dof"]
+    keep: int
+
+
 def _propose(
-    sampler: AbstractSampler, progress: _Progress, key: PRNGKeyArray, iteration: Int[Array, ""], check: Bool[Array, ""]
+    sampler: AbstractSampler, progress: _Progress, key: PRNGKeyArray, check: Bool[Array, ""]
 ) -> Float[Array, "particle dof"]:
-    particles = sampler.ask(progress.state, jax.random.fold_in(key, 2 * iteration + 1))
+    particles = sampler.ask(progress.state, key)
     mean, _ = sampler.result(progress.state)
     return particles.at[0].set(jnp.where(check, mean, particles[0]))
 
 
-@eqx.filter_jit
 def _learn(
     sampler: AbstractSampler,
     progress: _Progress,
     particles: Float[Array, "particle dof"],
     energies: Float[Array, "particle"],
     key: PRNGKeyArray,
-    iteration: Int[Array, ""],
 ) -> tuple[_Progress, _Row]:
     energies = finite_or_inf(energies).astype(particles.dtype)
     mean, deviation = sampler.result(progress.state)
-    state, step = sampler.tell(progress.state, particles, energies, jax.random.fold_in(key, 2 * iteration + 2))
+    state, step = sampler.tell(progress.state, particles, energies, key)
     winner = jnp.argmin(energies)
     better = energies[winner] < progress.best_energy
     best = jnp.where(better, particles[winner], progress.best)
     after = _Progress(state, best, jnp.minimum(energies[winner], progress.best_energy))
     return after, _Row(step, mean, deviation, energies[0])
-
-
-def _begin(
-    sampler: AbstractSampler,
-    start: Float[Array, "dof"],
-    spread: Float[Array, "dof"],
-    lower: Float[Array, "dof"],
-    upper: Float[Array, "dof"],
-    key: PRNGKeyArray,
-    population: Float[Array, "extra dof"] | None,
-) -> _Progress:
-    state = sampler.init(jax.random.fold_in(key, 0), start, spread, lower, upper, population)
-    return _Progress(state, jnp.clip(start, lower, upper), jnp.full((), jnp.inf, start.dtype))
 
 
 def _finish(sampler: AbstractSampler, progress: _Progress, rows: list[_Row]) -> tuple[Float[Array, "dof"], SearchInfo]:
@@ -100,9 +91,9 @@ def _plan(sampler: AbstractSampler, energy_fn: Stages) -> list[tuple[EnergyFunct
     return [(energy, count + (check and i == last), check and i == last) for i, (energy, count) in enumerate(stages)]
 
 
-class _Pool(eqx.Module):
-    """Candidates for the first set, N at a time, the last set filled up; the energies of those that were scored; how
-    many there are, and how many are kept."""
+class _Scouts(eqx.Module):
+    """The candidates of a pool, N at a time, the last set filled up; the energies of those that were scored; how many
+    there are, and how many are kept."""
 
     candidates: Float[Array, "set particle dof"]
     energies: Float[Array, "set particle"]
@@ -110,20 +101,21 @@ class _Pool(eqx.Module):
     keep: int = eqx.field(static=True)
 
     @staticmethod
-    def make(candidates: Float[Array, "candidate dof"], keep: int, num_particles: int) -> "_Pool":
-        sets = -(-candidates.shape[0] // num_particles)
-        filled = jnp.pad(candidates, ((0, sets * num_particles - candidates.shape[0]), (0, 0)), mode="edge")
+    def make(pool: Pool, num_particles: int) -> "_Scouts":
+        count = pool.candidates.shape[0]
+        sets = -(-count // num_particles)
+        filled = jnp.pad(pool.candidates, ((0, sets * num_particles - count), (0, 0)), mode="edge")
         split = filled.reshape(sets, num_particles, -1)
-        return _Pool(split, jnp.full(split.shape[:2], jnp.inf, split.dtype), candidates.shape[0], keep)
+        return _Scouts(split, jnp.full(split.shape[:2], jnp.inf, split.dtype), count, pool.keep)
 
     @property
     def sets(self) -> int:
         return self.candidates.shape[0]
 
-    def told(self, number: Int[Array, ""], energies: Float[Array, "particle"]) -> "_Pool":
+    def told(self, number: Int[Array, ""], energies: Float[Array, "particle"]) -> "_Scouts":
         """With the energies of a set; a set that is none of its own changes nothing."""
         energies = finite_or_inf(energies).astype(self.energies.dtype)
-        return eqx.tree_at(lambda pool: pool.energies, self, self.energies.at[number].set(energies, mode="drop"))
+        return eqx.tree_at(lambda own: own.energies, self, self.energies.at[number].set(energies, mode="drop"))
 
     def best(self, population: Float[Array, "extra dof"] | None) -> Float[Array, "extra_and_kept dof"]:
         """The population and the candidates of lowest energy."""
@@ -142,76 +134,57 @@ def run(
     upper: Float[Array, "dof"],
     key: PRNGKeyArray,
     population: Float[Array, "extra dof"] | None = None,
-    pool: Float[Array, "candidate dof"] | None = None,
-    keep: int = 0,
+    pool: Pool | None = None,
 ) -> tuple[Float[Array, "dof"], SearchInfo]:
     """Minimise `energy_fn` (particles (N, d) -> energies (N,)) over the box, in one compiled loop.
 
     `energy_fn` may instead be a sequence of `(energy_fn, iterations)` stages, coarse to fine: the particles pass from
     one stage to the next, but energies of different stages are never compared, so the best particle is that of the last
     stage. Give an `eqx.Module` or a `jax.tree_util.Partial` as energy, so that new data does not compile again; a plain
-    closure compiles once per function object. `population` holds extra initial particles, for a warm start; the `keep`
-    best of a `pool`, by the energy of the first stage, are such particles too.
+    closure compiles once per function object, and energies computed on the host go through `jax.pure_callback`.
+    `population` holds extra initial particles, for a warm start; the best of a `pool`, by the energy of the first
+    stage, are such particles too.
 
     With the answer `"best_if_better"` one set more than `num_iterations` is evaluated: its particle 0 is the estimate.
     """
-    begin = lambda extra: _begin(sampler, start, spread, lower, upper, key, extra)  # noqa: E731
-    progress = begin(population)
-    candidates = None if pool is None else _Pool.make(pool, keep, sampler.num_particles)
+    plan = _plan(sampler, energy_fn)
+    scouts = None if pool is None else _Scouts.make(pool, sampler.num_particles)
+    before = 0 if scouts is None else scouts.sets
+    sets = sum(count for _, count, _ in plan) + before
+
+    def key_of(number: int | Int[Array, ""]) -> PRNGKeyArray:
+        """0 begins; 2n + 1 and 2n + 2 are asked with and told with in step n; 2 `sets` + 1 begins with no pool yet."""
+        return jax.random.fold_in(key, number)
+
+    def begin(extra: Float[Array, "extra dof"] | None, number: int) -> _Progress:
+        state = sampler.init(key_of(number), start, spread, lower, upper, extra)
+        return _Progress(state, jnp.clip(start, lower, upper), jnp.full((), jnp.inf, start.dtype))
+
+    progress = begin(population, 0 if scouts is None else 2 * sets + 1)
     rows, done = [], 0
-    for energy, count, check in _plan(sampler, energy_fn):
-        first = candidates if done == 0 else None
+    for energy, count, check in plan:
+        first = scouts if done == 0 else None
 
         def step(carry, iteration: Int[Array, ""], energy=energy, last=done + count - 1, check=check):
-            progress, pool = carry
-            particles = _propose(sampler, progress, key, iteration, jnp.asarray(check) & (iteration == last))
-            if pool is None:
-                after, row = _learn(sampler, progress, particles, energy(particles), key, iteration)
+            progress, scouts = carry
+            number = iteration if scouts is None else iteration % sets  # steps before 0 come last
+            asked, told = key_of(2 * number + 1), key_of(2 * number + 2)
+            particles = _propose(sampler, progress, asked, jnp.asarray(check) & (iteration == last))
+            if scouts is None:
+                after, row = _learn(sampler, progress, particles, energy(particles), told)
                 return (after, None), row
             # The pool is scored by this very loop, in the steps before 0: the energy, which is large, compiles once.
-            scouting, turn = iteration < 0, iteration + pool.sets
-            particles = jnp.where(scouting, pool.candidates[jnp.minimum(turn, pool.sets - 1)], particles)
+            scouting, turn = iteration < 0, iteration + scouts.sets
+            particles = jnp.where(scouting, scouts.candidates[jnp.minimum(turn, scouts.sets - 1)], particles)
             energies = energy(particles)
-            after, row = _learn(sampler, progress, particles, energies, key, iteration)
-            pool = pool.told(turn, energies)
-            begun = jax.lax.cond(iteration == -1, lambda: begin(pool.best(population)), lambda: progress)
-            return (jax.tree.map(lambda a, b: jnp.where(scouting, a, b), begun, after), pool), row
+            after, row = _learn(sampler, progress, particles, energies, told)
+            scouts = scouts.told(turn, energies)
+            begun = jax.lax.cond(iteration == -1, lambda: begin(scouts.best(population), 0), lambda: progress)
+            return (jax.tree.map(lambda a, b: jnp.where(scouting, a, b), begun, after), scouts), row
 
         progress = eqx.tree_at(lambda p: p.best_energy, progress, jnp.full_like(progress.best_energy, jnp.inf))
-        before = 0 if first is None else first.sets
-        (progress, _), stage_rows = jax.lax.scan(step, (progress, first), jnp.arange(done - before, done + count))
-        rows.append(jax.tree.map(lambda leaf, before=before: leaf[before:], stage_rows))
+        skipped = 0 if first is None else before
+        (progress, _), stage_rows = jax.lax.scan(step, (progress, first), jnp.arange(done - skipped, done + count))
+        rows.append(jax.tree.map(lambda leaf, skipped=skipped: leaf[skipped:], stage_rows))
         done += count
-    return _finish(sampler, progress, rows)
-
-
-def run_stepwise(
-    sampler: AbstractSampler,
-    energy_fn: Stages,
-    start: Float[Array, "dof"],
-    spread: Float[Array, "dof"],
-    lower: Float[Array, "dof"],
-    upper: Float[Array, "dof"],
-    key: PRNGKeyArray,
-    population: Float[Array, "extra dof"] | None = None,
-    pool: Float[Array, "candidate dof"] | None = None,
-    keep: int = 0,
-) -> tuple[Float[Array, "dof"], SearchInfo]:
-    """`run` as a Python loop, for energies computed on the host; `energy_fn` may return any array of shape (N,)."""
-    plan = _plan(sampler, energy_fn)
-    if pool is not None:
-        candidates = _Pool.make(pool, keep, sampler.num_particles)
-        for turn, particles in enumerate(candidates.candidates):
-            candidates = candidates.told(jnp.asarray(turn), jnp.asarray(plan[0][0](particles)))
-        population = candidates.best(population)
-    progress = _begin(sampler, start, spread, lower, upper, key, population)
-    rows, iteration = [], 0
-    for energy, count, check in plan:
-        progress = eqx.tree_at(lambda p: p.best_energy, progress, jnp.full_like(progress.best_energy, jnp.inf))
-        for index in range(count):
-            number, is_check = jnp.asarray(iteration), jnp.asarray(check and index == count - 1)
-            particles = _propose(sampler, progress, key, number, is_check)
-            progress, row = _learn(sampler, progress, particles, jnp.asarray(energy(particles)), key, number)
-            rows.append(jax.tree.map(lambda leaf: leaf[None], row))
-            iteration += 1
     return _finish(sampler, progress, rows)

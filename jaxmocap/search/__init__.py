@@ -9,6 +9,11 @@ from ._evidence import (
     without_seams as without_seams,
 )
 from ._gating import Gating as Gating, Retry as Retry, SearchMemory as SearchMemory
-from ._group_search import GroupSearch as GroupSearch, Stage as Stage, group_searches as group_searches
+from ._group_search import (
+    GroupSearch as GroupSearch,
+    Reach as Reach,
+    Stage as Stage,
+    group_searches as group_searches,
+)
 from ._plan import Effort as Effort, SearchPlan as SearchPlan
 from ._polish import PolishPlan as PolishPlan, polish as polish

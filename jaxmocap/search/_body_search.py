@@ -11,11 +11,12 @@ from jaxmocap.character import Pose, retract, skin
 from jaxmocap.energies import SearchEnergy
 from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import Frame, FrameProblem, Observations
+from jaxmocap.samplers import AbstractSampler
 
 from ._evidence import DrawnPose, Evidence, PoseScore
 from ._gating import SearchMemory, gated
-from ._group_search import Stage, group_searches, simplified_mesh
-from ._plan import SearchPlan, sigma_floor
+from ._group_search import Reach, Stage, group_searches, simplified_mesh
+from ._plan import SearchPlan
 
 WIDE_TRUNK = 0.5
 """Share of far particles when the whole person is looked for."""
@@ -30,6 +31,7 @@ class BodySearch:
         observations: Observations,
         energy: SearchEnergy,
         plan: SearchPlan,
+        sampler: AbstractSampler,
         score: PoseScore,
         evidence: Evidence,
         key: PRNGKeyArray,
@@ -38,6 +40,7 @@ class BodySearch:
         self.fps = observations.capture.fps
         self.energy = energy
         self.plan = plan
+        self.sampler = sampler
         self.score = score
         self.key = key
         skeleton = self.character.skeleton
@@ -101,9 +104,9 @@ class BodySearch:
         pace = history.pace(self.fps) if history is not None and plan.wide == 0 else 1.0
         stages = tuple(Stage(self.energy, *effort) for effort in plan.stages)
         share = 1.0 if limb else plan.trunk
-        sampler = plan.sampler(len(group.dofs), sigma_floor(group.dofs), share)
+        sampler = plan.sized(self.sampler, group.dofs, share)
         spread = self.character.skeleton.initial_spread * plan.spread * pace * share
-        found = group(stages, sampler, self.character, pose, problem, spread, key, wide, within, plan.prior)
+        found = group(stages, sampler, self.character, pose, problem, spread, key, Reach(wide, within, plan.prior))
         return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
 
     def remember(self, memory: SearchMemory, drawn: DrawnPose) -> SearchMemory:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._cache import cached_jit, optimised_jit
 from jaxmocap.character import Character, Pose, difference, dominant_bodies
-from jaxmocap.energies import Region, SearchEnergy, body_part, covered_cost, prepare_base, score_particles
+from jaxmocap.energies import GroupProblem, Scores, SearchEnergy, body_part, covered_cost, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem, draw
 from jaxmocap.render import to_screen
 
@@ -128,11 +128,10 @@ def without_seams(
 
 
 @optimised_jit
-def _score(energy, character, part, pose, problem, increments, capacity):
-    height, width = problem.size
-    region = Region(jnp.zeros((problem.num_cameras, 2), jnp.int32), (height, width))
-    base = prepare_base(energy, character, part, pose, problem, region, capacity)
-    return score_particles(energy, character, part, pose, problem, region, base, increments, capacity)
+def _score(
+    energy: SearchEnergy, group: GroupProblem, increments: Float[Array, "particle dof"], capacity: int
+) -> Scores:
+    return score_particles(energy, group, prepare_base(energy, group, capacity), increments, capacity)
 
 
 class PoseScore:
@@ -148,8 +147,9 @@ class PoseScore:
         """Totals (pose,) and terms (pose, term)."""
         moved = [np.asarray(difference(self.character.skeleton, poses[0], pose)) for pose in poses]
         increments = jnp.asarray(np.stack(moved + moved[-1:] * (-len(poses) % 4)))  # few and many compile once
+        group = GroupProblem.whole(self.character, self.part, poses[0], problem)
         while True:
-            scores = _score(self.energy, self.character, self.part, poses[0], problem, increments, self.capacity)
+            scores = _score(self.energy, group, increments, self.capacity)
             needed = int(scores.needed)
             if needed <= self.capacity:
                 return np.asarray(scores.total)[: len(poses)], np.asarray(scores.terms)[: len(poses)]

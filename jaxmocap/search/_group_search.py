@@ -3,6 +3,7 @@ call."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,16 +16,16 @@ from jaxmocap.character import Character, Pose, retract, simplify
 from jaxmocap.energies import (
     Base,
     BodyPart,
+    GroupProblem,
     Region,
     SearchEnergy,
-    ViewView,
     body_part,
-    part_jobs,
+    part_windows,
     prepare_base,
     score_particles,
 )
 from jaxmocap.observation import FrameProblem, Surface, simplified_surface
-from jaxmocap.samplers import AbstractSampler, run
+from jaxmocap.samplers import AbstractSampler, Pool, run
 
 REGION_STEP = 64
 WHOLE = 2 / 3
@@ -74,37 +75,67 @@ class GroupResult(eqx.Module):
     needed_far: Int[Array, ""]
 
 
+class Reach(NamedTuple):
+    """Where the particles of a search may go.
+
+    Attributes:
+        wide: share of the first particles that look further afield, see `wide_population`.
+        within: how many times the spread a particle may go.
+        prior: what a particle pays for leaving the start, see `SearchPlan`.
+    """
+
+    wide: float = 0.0
+    within: float = np.inf
+    prior: float = 0.0
+
+
+ANYWHERE = Reach()
+"""Within the joint limits, and drawn around the start."""
+
+
+class _Box(NamedTuple):
+    """Of every degree of freedom: deviation of the first particles, and limits of the increment."""
+
+    spread: Float[Array, "*dof"]
+    lower: Float[Array, "*dof"]
+    upper: Float[Array, "*dof"]
+
+
+class _Level(eqx.Module):
+    """A stage with what it draws: the part of a simplified mesh, or (None) of the character's own, in so many
+    windows."""
+
+    stage: Stage
+    mesh: Mesh | None
+    part: BodyPart
+    capacity: int = eqx.field(static=True)
+
+    def of(self, group: GroupProblem) -> GroupProblem:
+        """The group as this stage sees it."""
+        step, (height, width) = self.stage.step, group.region.size
+        character, frame = group.character, group.frame.coarser(step)
+        if self.mesh is not None:
+            character, frame = self.mesh.character, replace(frame, surface=self.mesh.surface)
+        region = Region(group.region.corners // step, (height // step, width // step))
+        return GroupProblem(character, self.part, group.pose, frame, region)
+
+
 class _ParticleEnergy(eqx.Module):
     """Energy of group increments and their prior, as an array function a sampler can call. A particle whose windows do
     not fit into the capacity counts as not finite; the capacity is chosen so that this does not happen near the answer.
     """
 
     energy: SearchEnergy
-    character: Character
-    part: BodyPart
-    pose: Pose
-    problem: FrameProblem
-    corners: Int[Array, "camera 2"]
+    group: GroupProblem
     base: Base
     spread: Float[Array, "group_dof"]
     prior: Float[Array, ""]
-    size: tuple[int, int] = eqx.field(static=True)
     capacity: int = eqx.field(static=True)
 
     def __call__(self, values: Float[Array, "particle group_dof"]) -> Float[Array, "particle"]:
-        increments = jnp.zeros((values.shape[0], self.character.skeleton.num_dofs)).at[:, self.part.dofs].set(values)
-        region = Region(self.corners, self.size)
-        scores = score_particles(
-            self.energy,
-            self.character,
-            self.part,
-            self.pose,
-            self.problem,
-            region,
-            self.base,
-            increments,
-            self.capacity,
-        )
+        still = jnp.zeros((values.shape[0], self.group.character.skeleton.num_dofs))
+        increments = still.at[:, self.group.part.dofs].set(values)
+        scores = score_particles(self.energy, self.group, self.base, increments, self.capacity)
         moved = (values / jnp.maximum(self.spread, 1e-6)) ** 2
         total = scores.total + self.prior * jnp.sum(moved / (1 + moved), axis=1)
         return jnp.where(scores.needed > self.capacity, jnp.nan, total)
@@ -136,12 +167,10 @@ def wide_population(
     lower: Float[Array, "group_dof"],
     upper: Float[Array, "group_dof"],
     distal: Bool[Array, "group_dof"],
-) -> Float[Array, "extra group_dof"] | None:
+) -> Float[Array, "extra group_dof"]:
     """First particles for a limb that moves faster than expected, or that was lost. In turn: Gaussian with three times
     the spread; drawn evenly from the box, not farther than twelve times the spread; and for the `distal` DOFs drawn
     evenly from all of it but Gaussian for the others, for a forearm or shin that left its place alone."""
-    if count == 0:
-        return None
     near_key, far_key = jax.random.split(key)
     normal = spread * jax.random.normal(near_key, (count, spread.shape[0]))
     low, high = jnp.maximum(lower, -12 * spread), jnp.minimum(upper, 12 * spread)
@@ -154,60 +183,46 @@ def wide_population(
 
 @optimised_jit
 def _search(
-    wide,
-    prior,
-    stages,
-    meshes,
-    parts,
-    sampler,
-    character,
-    pose,
-    problem,
-    corners,
-    size,
-    capacities,
-    base_capacity,
-    spread,
-    lower,
-    upper,
-    distal,
-    key,
-):
-    dofs = parts[0].dofs
-    energies, needed_base, needed_far, views = [], [], [], []
-    for stage, mesh, drawn, capacity in zip(stages, meshes, parts, capacities, strict=True):
-        coarse = problem.coarser(stage.step)
-        actor = character if mesh is None else mesh.character
-        coarse = coarse if mesh is None else replace(coarse, surface=mesh.surface)
-        region = Region(corners // stage.step, (size[0] // stage.step, size[1] // stage.step))
-        base = prepare_base(stage.energy, actor, drawn, pose, coarse, region, base_capacity)
-        shared = (stage.energy, actor, drawn, pose, coarse, region.corners, base, spread[dofs], prior)
-        energies.append((_ParticleEnergy(*shared, region.size, capacity), stage.iterations))
-        needed_base.append(base.needed)
-        needed_far.append(base.needed_far)
-        views.append((drawn, coarse, region, capacity))
-    start = jnp.zeros(dofs.shape[0])
-    box = (spread[dofs], lower[dofs], upper[dofs])
-    count = int(wide * sampler.num_particles)
-    far = wide_population(jax.random.fold_in(key, 1), POOL * count, *box, distal)
-    best, info = run(sampler, energies, start, *box, key, pool=far, keep=count)
-    increment = jnp.zeros(spread.shape[0]).at[dofs].set(best)
+    levels: tuple[_Level, ...],
+    sampler: AbstractSampler,
+    group: GroupProblem,
+    box: _Box,
+    distal: Bool[Array, "group_dof"],
+    wide: float,
+    prior: Float[Array, ""],
+    base_capacity: int,
+    key: PRNGKeyArray,
+) -> GroupResult:
+    dofs, skeleton = group.part.dofs, group.character.skeleton
+    own = _Box(*(values[dofs] for values in box))
+    scored, bases, seen = [], [], [level.of(group) for level in levels]
+    for level, coarse in zip(levels, seen, strict=True):
+        bases.append(prepare_base(level.stage.energy, coarse, base_capacity))
+        energy = _ParticleEnergy(level.stage.energy, coarse, bases[-1], own.spread, prior, level.capacity)
+        scored.append((energy, level.stage.iterations))
+    pool, count = None, int(wide * sampler.num_particles)
+    if count > 0:
+        key, pool_key = jax.random.split(key)
+        pool = Pool(wide_population(pool_key, POOL * count, *own, distal), count)
+    best, info = run(sampler, scored, jnp.zeros(dofs.shape[0]), *own, key, pool=pool)
+    increment = jnp.zeros(skeleton.num_dofs).at[dofs].set(best)
     needed = []
-    for drawn, coarse, region, capacity in views:
+    for level, coarse in zip(levels, seen, strict=True):
 
-        def windows(posed: Array, drawn=drawn, coarse=coarse, region=region, capacity=capacity) -> Array:
-            cameras = jnp.arange(coarse.num_cameras)
-            return jax.lax.map(lambda c: part_jobs(drawn, posed, coarse, c, region, capacity)[0].needed, cameras).max()
+        def windows(posed: Array, coarse=coarse, capacity=level.capacity) -> Array:
+            cameras = jnp.arange(coarse.frame.num_cameras)
+            return jax.lax.map(lambda camera: part_windows(coarse, posed, camera, capacity)[0].needed, cameras).max()
 
-        poses = (pose, retract(character.skeleton, pose, increment))
-        needed.append(jax.lax.map(windows, jnp.stack([drawn.posed(character, moved) for moved in poses])).max())
+        poses = (group.pose, retract(skeleton, group.pose, increment))
+        posed = jnp.stack([level.part.posed(group.character, pose) for pose in poses])
+        needed.append(jax.lax.map(windows, posed).max())
     return GroupResult(
         increment=increment,
-        deviation=jnp.zeros(spread.shape[0]).at[dofs].set(info.deviation),
+        deviation=jnp.zeros(skeleton.num_dofs).at[dofs].set(info.deviation),
         energy=info.energy,
         needed=jnp.stack(needed),
-        needed_base=jnp.stack(needed_base).max(),
-        needed_far=jnp.stack(needed_far).max(),
+        needed_base=jnp.stack([base.needed for base in bases]).max(),
+        needed_far=jnp.stack([base.needed_far for base in bases]).max(),
     )
 
 
@@ -266,62 +281,41 @@ class GroupSearch:
         problem: FrameProblem,
         spread: Float[np.ndarray, "dof"],
         key: PRNGKeyArray,
-        wide: float = 0.0,
-        within: float = np.inf,
-        prior: float = 0.0,
+        reach: Reach = ANYWHERE,
     ) -> GroupResult:
-        """Search the group around `pose`. A capacity that overflows is enlarged and the search run again.
-
-        `wide` is the share of the first particles that look further afield, see `wide_population`. No particle goes
-        further than `within` times the spread. `prior` weighs what a particle pays for leaving the start, see
-        `SearchPlan`.
-        """
+        """Search the group around `pose`. A capacity that overflows is enlarged and the search run again."""
         skeleton = character.skeleton
         free, angles = np.array(ROOT_REACH, np.float32), np.asarray(pose.angles)
         lower = np.concatenate([-free, np.asarray(skeleton.lower) - angles])
         upper = np.concatenate([free, np.asarray(skeleton.upper) - angles])
-        if np.isfinite(within):
-            farthest = within * np.asarray(spread, np.float32)
+        if np.isfinite(reach.within):
+            farthest = reach.within * np.asarray(spread, np.float32)
             lower, upper = np.maximum(lower, -farthest), np.minimum(upper, farthest)
         cloud = np.zeros((2 * len(self.dofs) + 1, skeleton.num_dofs), np.float32)
         for row, dof in enumerate(self.dofs):
-            reach = (1.7 if wide == 0 else 8.0) * spread[dof]
-            cloud[2 * row, dof] = min(reach, float(upper[dof]))
-            cloud[2 * row + 1, dof] = max(-reach, float(lower[dof]))
+            far = (1.7 if reach.wide == 0 else 8.0) * spread[dof]
+            cloud[2 * row, dof] = min(far, float(upper[dof]))
+            cloud[2 * row + 1, dof] = max(-far, float(lower[dof]))
         boxes = np.asarray(particle_boxes(character, self.part, pose, problem, jax.device_put(cloud)))
         corners = jax.device_put(self.place_region(boxes, problem))
         sizes = self.sizes
-        levels = [(stage.step, stage.faces) for stage in stages]
+        group = GroupProblem(character, self.part, pose, problem, Region(corners, sizes.region))
+        box = _Box(*jax.device_put((np.asarray(spread, np.float32), lower, upper)))
         drawn = [self.simple.get(stage.faces, (None, self.part)) for stage in stages]
-        for level, (_, part) in zip(levels, drawn, strict=True):
-            sizes.capacity.setdefault(level, _power(1.3 * part.faces.shape[1]))
+        names = [(stage.step, stage.faces) for stage in stages]
+        for name, (_, part) in zip(names, drawn, strict=True):
+            sizes.capacity.setdefault(name, _power(1.3 * part.faces.shape[1]))
         while True:
-            sized = tuple(
-                replace(stage, energy=with_far_capacity(stage.energy, sizes.far_capacity)) for stage in stages
+            sized = [replace(stage, energy=stage.energy.with_capacity(sizes.far_capacity)) for stage in stages]
+            levels = tuple(
+                _Level(stage, *meshed, sizes.capacity[name])
+                for stage, meshed, name in zip(sized, drawn, names, strict=True)
             )
-            result = _search(
-                wide,
-                jnp.float32(prior),
-                sized,
-                tuple(mesh for mesh, _ in drawn),
-                tuple(part for _, part in drawn),
-                sampler,
-                character,
-                pose,
-                problem,
-                corners,
-                sizes.region,
-                tuple(sizes.capacity[level] for level in levels),
-                sizes.base_capacity,
-                jax.device_put(np.asarray(spread, np.float32)),
-                jax.device_put(lower),
-                jax.device_put(upper),
-                self.distal,
-                key,
-            )
+            chance = (self.distal, reach.wide, jnp.float32(reach.prior))
+            result = _search(levels, sampler, group, box, *chance, sizes.base_capacity, key)
             result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
             needed_base, needed_far = int(result.needed_base), int(result.needed_far)
-            needed = {level: int(count) for level, count in zip(levels, result.needed, strict=True)}
+            needed = {level: int(count) for level, count in zip(names, result.needed, strict=True)}
             if (
                 all(1.1 * count <= sizes.capacity[level] for level, count in needed.items())
                 and needed_base <= sizes.base_capacity
@@ -332,13 +326,6 @@ class GroupSearch:
                 sizes.capacity[level] = max(sizes.capacity[level], _power(1.2 * count))
             sizes.base_capacity = max(sizes.base_capacity, _power(1.1 * needed_base))
             sizes.far_capacity = max(sizes.far_capacity, _power(1.1 * needed_far))
-
-
-def with_far_capacity(energy: SearchEnergy, capacity: int) -> SearchEnergy:
-    """The energy with another bound on the list of body pixels scored again outside a limb's region."""
-    return SearchEnergy(
-        tuple(replace(term, capacity=capacity) if isinstance(term, ViewView) else term for term in energy.terms)
-    )
 
 
 Groups = tuple[tuple[str, tuple[int, ...]], ...]

@@ -1,14 +1,13 @@
-"""How much effort the search of sec. 4.1 makes, and with which sampler."""
+"""How much effort the search of sec. 4.1 makes."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
-from jaxmocap.samplers import AbstractSampler, InteractingSimulatedAnnealing, particles_for
+from jaxmocap.samplers import AbstractSampler, particles_for
 
 from ._gating import Gating, Retry
 
@@ -23,17 +22,24 @@ class Effort(NamedTuple):
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """Effort of the annealing: `stages` run from coarse to fine; `particles` per
-    group (None: 2^n + 40, the paper); `spread` multiplies the first particles' deviation; `wide` is the share
-    of a limb's first particles that look further afield (0 is the paper); `trunk` scales particles and spread of root
-    and torso, which are large and move less than limbs; `gating` says when a group need not be searched, `retry` when a
-    limb is searched again (None: never, the paper); after a frame whose verdict
-    is "lost", root and torso are searched `relocalise` times further afield (0: never, the paper). `prior` is what a
-    particle pays for leaving the start in a degree of freedom, half of it at one deviation and never more than all
-    (Geman and McClure 1985): where the pictures leave a direction open, as depth when the views are close together, it
-    stays where flow and prediction put it (0: the paper, which has no motion prior here). `answer` "mean" is the
-    paper's. `groups` "whole" searches all degrees of freedom at once instead of the paper's hierarchy, and
-    then needs `particles`."""
+    """Set the effort of the search, whichever the sampler.
+
+    Attributes:
+        stages: from coarse to fine; one of 25 iterations on every pixel is the paper's.
+        particles: per group; None is 2^n + 40 for n degrees of freedom (the paper).
+        spread: factor of the first particles' deviation; 1.
+        wide: share of a limb's first particles that look further afield; 0 is the paper.
+        trunk: factor of particles and spread of root and torso, which are large and move less than limbs; 1 is the
+            paper.
+        gating: when a group need not be searched; None is never (the paper).
+        retry: when a limb is searched again; None is never (the paper).
+        relocalise: wider searches of root and torso after a frame whose verdict is "lost"; 0 is the paper.
+        prior: what a particle pays for leaving the start in a degree of freedom, half of it at one deviation and never
+            more than all (Geman and McClure 1985): where the pictures leave a direction open, as depth when the views
+            are close together, it stays where flow and prediction put it; 0 is the paper, which has no motion prior
+            here.
+        groups: "hierarchy" is the paper's; "whole" searches all degrees of freedom at once, and then needs `particles`.
+    """
 
     stages: tuple[Effort, ...] = (Effort(),)
     particles: int | None = None
@@ -44,7 +50,6 @@ class SearchPlan:
     retry: Retry | None = None
     relocalise: int = 0
     prior: float = 0.0
-    answer: Literal["mean", "best_if_better"] = "best_if_better"
     groups: Literal["hierarchy", "whole"] = "hierarchy"
 
     def __post_init__(self) -> None:
@@ -53,25 +58,12 @@ class SearchPlan:
                 "a search of the whole body at once needs a number of particles: 2^n of n DoFs are too many."
             )
 
-    @property
-    def iterations(self) -> int:
-        """Of all stages."""
-        return sum(stage.iterations for stage in self.stages)
-
     def count(self, num_dofs: int, share: float = 1.0) -> int:
         """Particles of a group."""
         return round(share * (particles_for(num_dofs) if self.particles is None else self.particles))
 
-    def sampler(self, num_dofs: int, sigma_min: Float[Array, "dof"], share: float = 1.0) -> AbstractSampler:
-        """The annealing of one group, with a share of the particles."""
-        return InteractingSimulatedAnnealing(
-            num_particles=self.count(num_dofs, share),
-            num_iterations=self.iterations,
-            answer=self.answer,
-            sigma_min=sigma_min,
-        )
-
-
-def sigma_floor(dofs: tuple[int, ...]) -> Float[Array, "group_dof"]:
-    """Smallest spread the annealing keeps: 2 mm for translations, 0.25 degrees for angles."""
-    return jax.device_put(np.array([0.002 if dof < 3 else 0.00436 for dof in dofs], np.float32))
+    def sized(self, sampler: AbstractSampler, dofs: tuple[int, ...], share: float = 1.0) -> AbstractSampler:
+        """The sampler with the iterations of all stages, and with the particles (a share of them) and the smallest
+        deviation of one group: 2 mm for translations, 0.25 degrees for angles."""
+        floor = jax.device_put(np.array([0.002 if dof < 3 else 0.00436 for dof in dofs], np.float32))
+        return sampler.sized(self.count(len(dofs), share), sum(stage.iterations for stage in self.stages), floor)

@@ -62,8 +62,9 @@ class FrameTracker:
         self.evidence = Evidence.of(self.character)
         self.score = PoseScore(tracker.scored, self.character)
         search, refine = tracker.search, tracker.refine
+        scored = (self.score, self.evidence, key)
         self.body_search = (
-            None if search is None else BodySearch(observations, tracker.scored, search, self.score, self.evidence, key)
+            None if search is None else BodySearch(observations, tracker.scored, search, tracker.sampler, *scored)
         )
         self.refinement = None if refine is None else Refinement(observations, refine, tracker.detections)
 

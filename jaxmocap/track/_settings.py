@@ -3,6 +3,7 @@
 import types
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
+from inspect import isabstract
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import jax.numpy as jnp
@@ -19,7 +20,8 @@ def with_settings(tracker: Settings, settings: Mapping[str, Any]) -> Settings:
 
     A tuple's entries are named by their number, an energy's terms by their name: `search.stages.0.iterations`,
     `search_energy.terms.model_view.shading`. Values may be text. "off" (or None) leaves an optional part out, "on" puts
-    it in with its defaults. Raises `InputError` for an unknown name or a value of another kind.
+    it in with its defaults. A part of which there are several, as the sampler, is chosen by the name of its class, and
+    then has its defaults. Raises `InputError` for an unknown name or a value of another kind.
     """
     for name, value in settings.items():
         tracker = _changed(tracker, None, name.split("."), value, name)
@@ -90,7 +92,14 @@ def _as_kind(kind: Any, value: Any) -> Any:
         return jnp.asarray(_from_zero(value) if isinstance(value, (int, float)) else value, jnp.float32)
     elif isinstance(kind, type) and isinstance(value, kind):
         return value
+    elif isabstract(kind) and value in (known := _concrete(kind)):
+        return known[value]()
     raise ValueError
+
+
+def _concrete(kind: Any) -> dict[str, type]:
+    """The classes of an abstract part, by name."""
+    return {one.__name__: one for one in kind.__subclasses__() if not isabstract(one)}
 
 
 def _from_zero(value: float) -> float:
@@ -107,6 +116,8 @@ def _described(kind: Any) -> str:
         return " or ".join(map(str, get_args(kind)))
     if isinstance(kind, type) and issubclass(kind, AbstractArray):
         return "a number from 0"
+    if isabstract(kind):
+        return " or ".join(_concrete(kind))
     if is_dataclass(kind):
         return f"on (a {getattr(kind, '__name__', kind)})"
     return {int: "a whole number from 0", float: "a number from 0", bool: "true or false", str: "text"}.get(

@@ -8,6 +8,7 @@ from jaxmocap.energies import ContourSettings, SearchEnergy, search_energy
 from jaxmocap.motion import AngleChoice
 from jaxmocap.observation import LightSettings
 from jaxmocap.refinement import DetectionPlan, FlowSettings, RefinePlan, RefineWeights
+from jaxmocap.samplers import AbstractSampler, InteractingSimulatedAnnealing
 from jaxmocap.search import Effort, Gating, PolishPlan, Retry, SearchPlan
 from jaxmocap.verdict import VerdictSettings
 
@@ -16,24 +17,33 @@ from ._backward_search import BackwardSearch
 
 @dataclass(frozen=True)
 class Tracker:
-    """`Tracker()` is the paper. `Tracker.preset(quality)` are the settings of the command line's `--quality`.
+    """Say how to track. `Tracker()` is the paper; `Tracker.preset(quality)` are the settings of `--quality`.
 
-    `search_energy` is Eq. 5. `search` None skips the sample-based search, `refine` None the refinement (the ablations
-    of Figs. 12 and 14). `polish` follows the search downhill on its own energy before the refinement; not in the paper.
-    `backward_search` searches limbs of earlier frames again that a later frame shows to be wrong; None is the paper.
-    `detections` lets keypoints count, where there are any, and makes the tracker a hybrid; None is photometric.
-    `flow_start` starts each frame from optical flow (sec. 4.1, Initialization). `angles` "away_from_limits" begins each
-    frame with those of the two sets of angles of a shoulder or hip that are farther from the joint limits (the same
-    rotation, see `character.away_from_limits`); "same" is the paper. `prediction` starts the root, the torso and each
-    limb where the last motion would lead if that scores better than the flow; the paper does not. At most `longest_flash`
-    frames in a row, not selected ones, are passed over when the light jumps, and lie between their neighbours (0: none,
-    the paper). With `light` every frame is brought into the light of the first before anything looks at it; None is the
-    paper.
+    Attributes:
+        search_energy: what a particle is scored by; Eq. 5.
+        search: how much effort the search makes; None leaves it out (Fig. 12).
+        refine: the local refinement of sec. 4.2; None leaves it out (Fig. 14).
+        sampler: how the search proposes particles, any of `jaxmocap.samplers`; `search` sets its sizes for each group;
+            the annealing of sec. 4.1.
+        polish: follow the search downhill on its own energy before the refinement; None is the paper.
+        backward_search: search limbs of earlier frames again that a later frame shows to be wrong; None is the paper.
+        detections: let keypoints count where there are any, a hybrid; None is photometric (the paper).
+        flow_start: start each frame from optical flow (sec. 4.1, Initialization).
+        prediction: start root, torso and limbs where the last motion would lead if that scores better than the flow;
+            False is the paper.
+        angles: "away_from_limits" begins each frame with those of the two equivalent sets of angles of a shoulder or
+            hip that are farther from the joint limits (see `character.away_from_limits`); "same" is the paper.
+        longest_flash: frames in a row, not selected ones, that are passed over when the light jumps, and then lie
+            between their neighbours; 0 is the paper.
+        flow: how optical flow is computed for the start.
+        light: bring every frame into the light of the first before anything looks at it; None is the paper.
+        verdict: when a frame or a part of it is doubtful or lost; ours.
     """
 
     search_energy: SearchEnergy = field(default_factory=search_energy)
     search: SearchPlan | None = field(default_factory=SearchPlan)
     refine: RefinePlan | None = field(default_factory=RefinePlan)
+    sampler: AbstractSampler = field(default_factory=InteractingSimulatedAnnealing)
     polish: PolishPlan | None = None
     backward_search: BackwardSearch | None = None
     detections: DetectionPlan | None = None

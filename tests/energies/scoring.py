@@ -9,6 +9,7 @@ from jaxmocap.character import Character, Pose
 from jaxmocap.energies import (
     Base,
     BodyPart,
+    GroupProblem,
     ModelView,
     Posture,
     Region,
@@ -56,8 +57,9 @@ def score_in(
     driver: Driver | None = None,
 ) -> tuple[Scores, Base]:
     region = Region(corners, size)
-    base = prepare_base(energy, character, part, pose, problem, region, CAPACITY)
-    return score_particles(energy, character, part, pose, problem, region, base, increments, CAPACITY, driver), base
+    group = GroupProblem(character, part, pose, problem, region)
+    base = prepare_base(energy, group, CAPACITY)
+    return score_particles(energy, group, base, increments, CAPACITY, driver), base
 
 
 def score(world, increments, energy: SearchEnergy | None = None) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ from scoring import FRAME, energy_of, score
 
 from jaxmocap.camera import project
 from jaxmocap.character import retract, skin
-from jaxmocap.energies import are_near, carry, covered_cost, partner_pixels, uncovered_cost
+from jaxmocap.energies import are_near, covered_cost, partner_pixels, pixel_transfer, uncovered_cost
 from jaxmocap.geometry import faces_within, pack_rows
 from jaxmocap.render import face_ids
 
@@ -175,7 +175,7 @@ def test_partner_is_where_the_other_camera_sees_the_point(world):
     points = jnp.asarray(world.vertices(FRAME)[::50])
     view = lambda c: (problem.intrinsics[c], problem.cam_from_world[c])  # noqa: E731
     (here, depth), (there, _) = project(*view(0), points), project(*view(1), points)
-    x, y, z = partner_pixels(here[:, 0], here[:, 1], 1 / depth, carry(*problem.projection[:2]))
+    x, y, z = partner_pixels(here[:, 0], here[:, 1], 1 / depth, pixel_transfer(*problem.projection[:2]))
     np.testing.assert_allclose(jnp.stack([x, y], -1), there, atol=2e-3)
     assert np.all(np.asarray(z) > 0)
 

@@ -8,12 +8,12 @@ import pytest
 from jaxmocap.render import (
     WINDOW,
     KeyLayout,
-    changed_marks,
-    covered_marks,
+    covered_tiles,
     crop,
+    dirty_tiles,
     empty_buffer,
     look_up,
-    sum_in_turns,
+    sum_in_chunks,
     sum_over_tiles,
     tiles_at,
 )
@@ -39,7 +39,7 @@ def test_tiles_are_those_with_a_covered_pixel(height, width, share):
     padded = np.pad(covered, ((0, -height % WINDOW), (0, -width % WINDOW)))
     expected = np.argwhere(padded.reshape(padded.shape[0] // WINDOW, WINDOW, -1, WINDOW).any((1, 3))) * WINDOW
     whole = empty_buffer(LAYOUT, height, width).at[WINDOW:-WINDOW, WINDOW:-WINDOW].set(crop(buffer_with(covered)))
-    tiles = tiles_at(covered_marks(whole, LAYOUT))
+    tiles = tiles_at(covered_tiles(whole, LAYOUT))
     count = int(tiles.count)
     np.testing.assert_array_equal(np.stack([tiles.rows[:count], tiles.columns[:count]], 1), expected)
 
@@ -53,7 +53,7 @@ def test_changed_tiles_are_those_with_another_key(height, width):
     expected = padded.reshape(padded.shape[0] // WINDOW, WINDOW, -1, WINDOW).any((1, 3))
     assert 0 < expected.sum() < expected.size
     both = jnp.stack([drawn, below]), jnp.stack([below, below])
-    np.testing.assert_array_equal(changed_marks(*both), [expected, np.zeros_like(expected)])
+    np.testing.assert_array_equal(dirty_tiles(*both), [expected, np.zeros_like(expected)])
 
 
 @pytest.mark.parametrize("step", [1, 2, 4])
@@ -69,7 +69,7 @@ def test_sums_are_those_over_the_pixels_that_count(height, width, step):
         counted = (look_up(keys.reshape(-1), index) > LAYOUT.empty) & (rows < height) & (columns < width)
         return jnp.where(counted, look_up(padded.reshape(-1), index), -1.0)
 
-    total, count = jax.jit(lambda: sum_over_tiles(tiles_at(covered_marks(keys, LAYOUT)), cost, step))()
+    total, count = jax.jit(lambda: sum_over_tiles(tiles_at(covered_tiles(keys, LAYOUT)), cost, step))()
     kept = covered[::step, ::step]
     assert int(count) == kept.sum()
     np.testing.assert_allclose(total, values[::step, ::step][kept].sum(dtype=np.float64), rtol=1e-5)
@@ -78,7 +78,7 @@ def test_sums_are_those_over_the_pixels_that_count(height, width, step):
 @pytest.mark.parametrize("count", [0, 1, 2047, 2048, 2049, 5000])
 def test_slots_beyond_the_count_are_left_out(count):
     costs = jnp.where(jnp.arange(5000) % 3 == 0, -1.0, 1.0)
-    total, counted = sum_in_turns(jnp.asarray(count), 5000, lambda slots: look_up(costs, slots))
+    total, counted = sum_in_chunks(jnp.asarray(count), 5000, lambda slots: look_up(costs, slots))
     expected = (np.asarray(costs[:count]) > 0).sum()
     assert float(total) == float(counted) == expected
 
@@ -92,6 +92,6 @@ def test_tiles_under_vmap_are_those_of_each():
             index = (rows + WINDOW) * keys.shape[1] + columns + WINDOW
             return jnp.where(look_up(keys.reshape(-1), index) > LAYOUT.empty, 1.0, -1.0)
 
-        return sum_over_tiles(tiles_at(covered_marks(keys, LAYOUT)), cost)[1]
+        return sum_over_tiles(tiles_at(covered_tiles(keys, LAYOUT)), cost)[1]
 
     np.testing.assert_array_equal(jax.vmap(area)(buffers), pictures.sum((1, 2)))

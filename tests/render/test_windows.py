@@ -8,18 +8,19 @@ from meshes import INTRINSICS, camera_at
 
 from jaxmocap.render import (
     WINDOW,
+    Faces,
     KeyLayout,
     crop,
     draw,
     draw_scatter,
     empty_buffer,
     expand,
-    expand_in_turn,
+    expand_one_by_one,
     inverse_depth_range,
     planned_windows,
     projection_matrices,
     to_screen,
-    window_jobs,
+    window_list,
 )
 
 HEIGHT, WIDTH, CAPACITY = 240, 176, 8192
@@ -37,17 +38,18 @@ class Picture:
         self.depth_range = inverse_depth_range(jnp.asarray(vertices), camera)
         self.numbers = jnp.arange(self.faces.shape[1], dtype=jnp.int32)
 
-    def jobs(self, faces=None, numbers=None, active=None, capacity=CAPACITY, size=(HEIGHT, WIDTH), corner=None):
+    def listed(self, faces=None, numbers=None, active=None, capacity=CAPACITY, size=(HEIGHT, WIDTH), corner=None):
         faces = self.faces if faces is None else faces
         numbers = self.numbers if numbers is None else numbers
-        return _jobs(self.screen, faces, numbers, active, *size, self.depth_range, self.layout, capacity, corner)[0]
+        drawn = Faces(faces, numbers, active)
+        return _list(self.screen, drawn, size, self.depth_range, self.layout, capacity, corner)[0]
 
-    def draw(self, jobs, buffer=None, size=(HEIGHT, WIDTH)):
+    def draw(self, listed, buffer=None, size=(HEIGHT, WIDTH)):
         buffer = empty_buffer(self.layout, *size) if buffer is None else buffer
-        return _draw(buffer, jobs, self.layout)
+        return _draw(buffer, listed, self.layout)
 
 
-_jobs = jax.jit(window_jobs, static_argnums=(4, 5, 7, 8))
+_list = jax.jit(window_list, static_argnums=(2, 4, 5))
 _draw = jax.jit(draw, static_argnums=2)
 _scatter = jax.jit(draw_scatter, static_argnums=2)
 
@@ -68,51 +70,51 @@ def limb(actor):
 
 
 def test_both_drivers_give_the_same_bits(picture):
-    jobs = picture.jobs()
-    assert 500 < int(jobs.count) <= CAPACITY
-    looped = picture.draw(jobs)
-    scattered = _scatter(empty_buffer(picture.layout, HEIGHT, WIDTH), jobs, picture.layout)
+    listed = picture.listed()
+    assert 500 < int(listed.count) <= CAPACITY
+    looped = picture.draw(listed)
+    scattered = _scatter(empty_buffer(picture.layout, HEIGHT, WIDTH), listed, picture.layout)
     np.testing.assert_array_equal(crop(looped), crop(scattered))
     assert (np.asarray(picture.layout.face(crop(looped))) >= 0).sum() > 2000
 
 
 def test_both_drivers_give_the_same_bits_over_a_buffer_that_holds_something(picture, limb):
-    base = picture.draw(picture.jobs(active=jnp.asarray(~limb)))
-    jobs = picture.jobs(active=jnp.asarray(limb))
-    np.testing.assert_array_equal(crop(picture.draw(jobs, base)), crop(_scatter(base, jobs, picture.layout)))
+    base = picture.draw(picture.listed(active=jnp.asarray(~limb)))
+    listed = picture.listed(active=jnp.asarray(limb))
+    np.testing.assert_array_equal(crop(picture.draw(listed, base)), crop(_scatter(base, listed, picture.layout)))
 
 
 def test_a_limb_drawn_over_the_rest_gives_the_bits_of_the_whole(picture, limb):
-    whole = picture.draw(picture.jobs())
-    rest = picture.draw(picture.jobs(active=jnp.asarray(~limb)))
+    whole = picture.draw(picture.listed())
+    rest = picture.draw(picture.listed(active=jnp.asarray(~limb)))
     own = jnp.asarray(np.flatnonzero(limb), jnp.int32)
-    jobs = picture.jobs(faces=picture.faces[:, own], numbers=own, capacity=1024)
-    assert int(jobs.needed) <= 1024
-    np.testing.assert_array_equal(crop(picture.draw(jobs, rest)), crop(whole))
+    listed = picture.listed(faces=picture.faces[:, own], numbers=own, capacity=1024)
+    assert int(listed.needed) <= 1024
+    np.testing.assert_array_equal(crop(picture.draw(listed, rest)), crop(whole))
     assert np.any(np.asarray(crop(rest)) != np.asarray(crop(whole)))
 
 
 def test_a_corner_inside_the_rectangle_gives_the_bits_of_the_rectangle(picture):
-    whole = crop(picture.draw(picture.jobs()))
+    whole = crop(picture.draw(picture.listed()))
     for corner in ((16, 24), (53, 31)):
-        jobs = picture.jobs(size=(96, 88), corner=jnp.asarray(corner, jnp.int32))
-        part = crop(picture.draw(jobs, size=(96, 88)))
+        listed = picture.listed(size=(96, 88), corner=jnp.asarray(corner, jnp.int32))
+        part = crop(picture.draw(listed, size=(96, 88)))
         np.testing.assert_array_equal(part, whole[corner[0] : corner[0] + 96, corner[1] : corner[1] + 88])
 
 
 def test_the_order_of_the_faces_does_not_change_the_faces_seen(picture):
     order = np.random.default_rng(0).permutation(picture.faces.shape[1]).astype(np.int32)
-    shuffled = picture.jobs(faces=picture.faces[:, order], numbers=jnp.asarray(order))
-    np.testing.assert_array_equal(crop(picture.draw(shuffled)), crop(picture.draw(picture.jobs())))
+    shuffled = picture.listed(faces=picture.faces[:, order], numbers=jnp.asarray(order))
+    np.testing.assert_array_equal(crop(picture.draw(shuffled)), crop(picture.draw(picture.listed())))
 
 
 def test_overflow_is_reported_and_draws_a_part(picture):
-    enough = picture.jobs()
+    enough = picture.listed()
     needed = int(enough.needed)
-    short = picture.jobs(capacity=256)
+    short = picture.listed(capacity=256)
     assert int(short.needed) == needed > 256
     assert int(short.count) == 256
-    exact = picture.jobs(capacity=needed)
+    exact = picture.listed(capacity=needed)
     assert int(exact.count) == needed
     np.testing.assert_array_equal(picture.draw(exact), picture.draw(enough))
     missing = np.asarray(picture.draw(short)) != np.asarray(picture.draw(enough))
@@ -120,9 +122,9 @@ def test_overflow_is_reported_and_draws_a_part(picture):
 
 
 def test_windows_stay_inside_the_border(picture):
-    jobs = picture.jobs()
-    windows = planned_windows(jobs, jobs.item, jobs.rank)
-    corners = np.stack([windows.column, windows.row], 1)[: int(jobs.count)]
+    listed = picture.listed()
+    windows = planned_windows(listed, listed.item, listed.rank)
+    corners = np.stack([windows.column, windows.row], 1)[: int(listed.count)]
     assert corners.min() >= 0
     assert np.all(corners + WINDOW <= [WIDTH + 2 * WINDOW, HEIGHT + 2 * WINDOW])
 
@@ -135,14 +137,13 @@ def test_mapping_over_particles_sees_the_same_faces_as_one_at_a_time(picture):
 
     def keys(shift, driver):
         screen = picture.screen.at[0].add(shift)
-        jobs, _ = window_jobs(
-            screen, picture.faces, picture.numbers, None, HEIGHT, WIDTH, picture.depth_range, picture.layout, CAPACITY
-        )  # fmt: skip
-        return crop(driver(empty_buffer(picture.layout, HEIGHT, WIDTH), jobs, picture.layout))
+        faces = Faces(picture.faces, picture.numbers)
+        listed, _ = window_list(screen, faces, (HEIGHT, WIDTH), picture.depth_range, picture.layout, CAPACITY)
+        return crop(driver(empty_buffer(picture.layout, HEIGHT, WIDTH), listed, picture.layout))
 
     looped = np.asarray(jax.jit(lambda s: jax.lax.map(lambda one: keys(one, draw), s))(shifts))
     mapped = np.asarray(jax.jit(jax.vmap(lambda one: keys(one, draw_scatter)))(shifts))
-    alone = crop(picture.draw(picture.jobs()))
+    alone = crop(picture.draw(picture.listed()))
     for first, second in ((looped, mapped), (looped[0], np.asarray(alone))):
         assert np.mean(first != second) < 1e-4
         np.testing.assert_array_equal(picture.layout.face(jnp.asarray(first)), picture.layout.face(jnp.asarray(second)))
@@ -151,7 +152,7 @@ def test_mapping_over_particles_sees_the_same_faces_as_one_at_a_time(picture):
     assert np.any(looped[1] != looped[0])
 
 
-ways_to_expand = pytest.mark.parametrize("way", [expand, expand_in_turn])
+ways_to_expand = pytest.mark.parametrize("way", [expand, expand_one_by_one])
 
 
 @ways_to_expand

@@ -11,7 +11,7 @@ from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.observation import draw
 from jaxmocap.samplers import InteractingSimulatedAnnealing
-from jaxmocap.search import Stage, group_searches, uncovered_share
+from jaxmocap.search import Reach, Stage, group_searches, uncovered_share
 from jaxmocap.search._group_search import simplified_mesh, wide_population
 
 FRAME = 2
@@ -37,7 +37,7 @@ def find(world, searches):
         )
         stages = (Stage(search_energy(step=2, sampling="nearest"), 1, 12),)
         spread, problem = world.character.skeleton.initial_spread, world.problem(FRAME)
-        result = search(stages, sampler, world.character, start, problem, spread, jax.random.key(key), **options)
+        result = search(stages, sampler, world.character, start, problem, spread, jax.random.key(key), Reach(**options))
         return start, retract(skeleton, start, result.increment), result
 
     return run
@@ -102,7 +102,7 @@ def test_a_lost_arm_is_found_further_afield(world):
     def found(key, **reach):
         return search(
             (Stage(energy, 2, 16),), sampler, world.character, start, world.problem(FRAME),
-            spread, jax.random.key(key), wide=0.5, **reach,
+            spread, jax.random.key(key), Reach(0.5, **reach),
         ).increment  # fmt: skip
 
     for key in range(3):

@@ -5,6 +5,8 @@ import pytest
 
 from jaxmocap._results import InputError
 from jaxmocap.appearance import AppearanceSettings
+from jaxmocap.refiners import Shooting
+from jaxmocap.samplers import CrossEntropy, InteractingSimulatedAnnealing, RandomSearch
 from jaxmocap.search import Effort, Retry, SearchPlan
 from jaxmocap.track import BackwardSearch, Tracker, with_settings
 
@@ -61,6 +63,17 @@ def test_text_becomes_the_kind_of_the_setting(name, text, value):
     assert type(found) is type(value)
 
 
+def test_a_sampler_or_a_refiner_is_chosen_and_changed_by_name():
+    changed = with_settings(NORMAL, {"sampler.survival": "0.5", "sampler.answer": "mean"})
+    assert float(changed.sampler.survival) == 0.5
+    assert changed.sampler.answer == "mean"
+    other = with_settings(NORMAL, {"sampler": "CrossEntropy", "sampler.smoothing": "0.1", "refine.refiner": "Shooting"})
+    assert isinstance(other.sampler, CrossEntropy)
+    assert float(other.sampler.smoothing) == pytest.approx(0.1)
+    assert isinstance(other.refine.refiner, Shooting)
+    assert with_settings(NORMAL, {"sampler": RandomSearch(shrink=0.5)}).sampler.shrink == 0.5
+
+
 def test_weights_are_array_leaves():
     changed = with_settings(NORMAL, {"search_energy.terms.view_view.weight": "0.5", "refine.weights.prior": 2})
     assert changed.search_energy.terms[1].weight.dtype == jnp.float32
@@ -89,6 +102,7 @@ def test_weights_are_array_leaves():
         ("refine.surface_flow", "maybe", "true or false was expected"),
         ("polish.steps", "3", "what comes before 'steps' is off"),
         ("search.trunk.deeper", "3", "has no parts"),
+        ("sampler", "Annealing", "is 'Annealing', but .*CrossEntropy or "),
         ("search.retry", "5", r"is '5', but on \(a Retry\) or off was expected"),
     ],
 )
@@ -101,7 +115,8 @@ def test_a_search_of_the_whole_body_needs_a_number_of_particles():
     with pytest.raises(InputError, match="number of particles"):
         SearchPlan(groups="whole")
     plan = SearchPlan(groups="whole", particles=300, stages=(Effort(4, 7),))
-    assert (plan.count(39), plan.iterations) == (300, 7)
+    sampler = plan.sized(InteractingSimulatedAnnealing(), tuple(range(39)))
+    assert (sampler.num_particles, sampler.num_iterations) == (300, 7)
 
 
 def test_any_record_of_settings_can_be_changed():

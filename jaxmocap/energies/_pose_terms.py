@@ -1,6 +1,7 @@
-"""2D keypoints of a detector: rays that landmarks should lie on, as residuals and as a term of the search energy."""
+"""Terms that look at the pose itself: the rays of a detector's keypoints, and how far the trunk is bent."""
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,10 +10,11 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from jaxmocap._types import Knob, knob
-from jaxmocap.character import Character, Pose, Skeleton, landmark_positions
+from jaxmocap.character import ROOT_DOFS, Character, Pose, Skeleton, landmark_positions
 from jaxmocap.observation import BODY_25, FACE, FrameProblem
 
 from ._lines import rays
+from ._term import AbstractPoseTerm
 
 LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3} | dict.fromkeys(FACE, 0.3)
 """Points whose definition differs between a detector and a skeleton count less."""
@@ -72,7 +74,7 @@ def keypoint_rays(
     )
 
 
-class Keypoints(eqx.Module):
+class Keypoints(AbstractPoseTerm):
     """How far landmarks are from the rays of the frame's detections, each faded by Geman and McClure beyond `robust`
     metres and weighed by its confidence; the mean over all views and points there could be, in [0, 1], so that a frame
     with few detections is judged by its pixels. The paper names this as future work."""
@@ -80,11 +82,28 @@ class Keypoints(eqx.Module):
     weight: Knob = knob(1.0)
     robust: Knob = knob(0.1)
 
-    name = "keypoints"
+    name: ClassVar[str] = "keypoints"
 
-    def score_pose(self, skeleton: Skeleton, pose: Pose, problem: FrameProblem) -> Float[Array, ""]:
-        lines = keypoint_rays(
-            skeleton, problem.intrinsics, problem.cam_from_world, problem.keypoints, table=BODY_25 | FACE
-        )
+    def score_pose(self, skeleton: Skeleton, pose: Pose, frame: FrameProblem) -> Float[Array, ""]:
+        lines = keypoint_rays(skeleton, frame.intrinsics, frame.cam_from_world, frame.keypoints, table=BODY_25 | FACE)
         square = jnp.sum(lines.distances(landmark_positions(skeleton, pose)) ** 2, -1)
         return jnp.mean(lines.weight * square / (square + self.robust**2))
+
+
+def bend(skeleton: Skeleton, angles: Float[Array, "... angle"]) -> Float[Array, "... angle"]:
+    """Angles of spine, neck and collar bones as shares of their limits on the side they bend to; 0 for all others."""
+    counts = jnp.asarray(np.isin(np.arange(ROOT_DOFS, skeleton.num_dofs), skeleton.posture).astype(np.float32))
+    limit = jnp.where(angles >= 0, skeleton.upper, -skeleton.lower)
+    return counts * angles / jnp.maximum(limit, 0.1)
+
+
+class Posture(AbstractPoseTerm):
+    """The sum of squared shares of their limits to which spine, neck and collar bones are bent. Not in the paper,
+    whose search may explain a pixel by any posture within the limits; without this term in the energy it is back."""
+
+    weight: Knob = knob(0.005)
+
+    name: ClassVar[str] = "posture"
+
+    def score_pose(self, skeleton: Skeleton, pose: Pose, frame: FrameProblem) -> Float[Array, ""]:
+        return jnp.sum(bend(skeleton, pose.angles) ** 2)

@@ -1,0 +1,79 @@
+"""What every term of the search energy is."""
+
+import abc
+from typing import Any, NamedTuple, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxmocap.character import Character, Pose, Skeleton
+from jaxmocap.observation import FrameProblem
+from jaxmocap.render import SoftFaces, SoftSettings
+
+from ._body import GroupProblem
+
+
+class Drawn(NamedTuple):
+    """One particle: its pose, the region's key buffers with the part drawn in, and the mesh pixels per view that lie
+    outside the region."""
+
+    pose: Pose
+    buffers: Int[Array, "camera padded_height padded_width"]
+    outside: Float[Array, "camera"]
+
+
+class SoftDrawn(NamedTuple):
+    """One pose with soft visibility: what each view sees of it, and where its vertices are on the screen."""
+
+    character: Character
+    pose: Pose
+    frame: FrameProblem
+    screens: Float[Array, "camera 3 vertex"]
+    seen: SoftFaces
+    settings: SoftSettings
+
+
+class AbstractTerm(eqx.Module):
+    """Score what a particle looks like. A new term is a file with `weight`, `name` and `score`.
+
+    Optional are `prepare`, for what no particle changes; `soft`, for gradients; and, for a term that keeps a list of
+    bounded length, `needed` and `with_capacity`: the search makes room until everything fits.
+    """
+
+    name: eqx.AbstractClassVar[str]
+    weight: eqx.AbstractVar[Float[Array, ""]]
+
+    def prepare(self, base: Int[Array, "camera padded_height padded_width"], group: GroupProblem) -> Any:
+        """What all particles of a group share; `base` are the key buffers of the rest of the body."""
+        return ()
+
+    @abc.abstractmethod
+    def score(self, prepared: Any, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
+        """The term of one particle, unweighted."""
+
+    def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
+        """The same with soft visibility, differentiable. Raises `ValueError` if the term has no such form."""
+        raise ValueError(f"the term '{self.name}' has no soft form; leave it out of the energy")
+
+    def needed(self, prepared: Any) -> Int[Array, ""]:
+        """How much room the term would have needed."""
+        return jnp.zeros((), jnp.int32)
+
+    def with_capacity(self, capacity: int) -> Self:
+        """The term with this much room."""
+        return self
+
+
+class AbstractPoseTerm(AbstractTerm):
+    """Score the pose itself, not what is drawn: a file with `weight`, `name` and `score_pose`."""
+
+    @abc.abstractmethod
+    def score_pose(self, skeleton: Skeleton, pose: Pose, frame: FrameProblem) -> Float[Array, ""]:
+        """The term of one pose, unweighted, differentiable."""
+
+    def score(self, prepared: Any, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
+        return self.score_pose(group.character.skeleton, drawn.pose, group.frame)
+
+    def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
+        return self.score_pose(drawn.character.skeleton, drawn.pose, drawn.frame)

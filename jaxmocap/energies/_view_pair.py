@@ -1,0 +1,70 @@
+"""Two views of one surface point: where what one view sees appears in the other, and whether they see the same."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxmocap._types import Knob
+from jaxmocap.render import look_up
+
+
+def ordered_pairs(num_cameras: int) -> list[tuple[int, int]]:
+    """All (m, n) with m != n: E_mn is not symmetric (ambiguity A16 of the equation, read as ordered pairs)."""
+    return [(m, n) for m in range(num_cameras) for n in range(num_cameras) if m != n]
+
+
+class PixelTransfer(NamedTuple):
+    """What takes (column, row, 1) and inverse depth of the source view to the homogeneous pixel of the target: the
+    homography of the plane at infinity, and the epipole (Hartley and Zisserman 2004, sec. 13.1)."""
+
+    homography: Float[Array, "3 3"]
+    epipole: Float[Array, "3"]
+
+
+def pixel_transfer(source: Float[Array, "3 4"], target: Float[Array, "3 4"]) -> PixelTransfer:
+    """From the projections of the two views."""
+    homography = target[:, :3] @ jnp.linalg.inv(source[:, :3])
+    return PixelTransfer(homography, target[:, 3] - homography @ source[:, 3])
+
+
+def partner_pixels(
+    columns: Array, rows: Array, inverse_depth: Array, between: PixelTransfer
+) -> tuple[Array, Array, Array]:
+    """Where a surface point seen at pixel (column, row) of the source view with this inverse depth appears in the
+    target.
+
+    Exact: inverse depth is affine over a face, so this is the ray cut with the face's plane. Returns column, row and
+    the scaled depth (positive in front of the target camera).
+    """
+    h, e = between
+    x, y, z = (h[k, 0] * columns + h[k, 1] * rows + h[k, 2] + e[k] * inverse_depth for k in range(3))
+    safe = jnp.where(z > 1e-6, z, 1.0)
+    return x / safe, y / safe, z
+
+
+def are_near(near_faces: Array, first: Int[Array, "..."], second: Int[Array, "..."]) -> Bool[Array, "..."]:
+    """Geodesic test of Eq. 7 on the bit table; the two broadcast."""
+    words = look_up(near_faces.reshape(-1), first * near_faces.shape[1] + (second >> 5))
+    return ((words >> (second & 31).astype(jnp.uint32)) & 1) == 1
+
+
+def pixels_around(
+    x: Array, y: Array, width: Knob, width_of_colour: Knob
+) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """The four pixels around a point: row, column, and weights that blend over `width` pixels (1 is bilinear, 0 the
+    nearest pixel), once for what is seen and once for its colour."""
+    left, top = jnp.floor(lax.stop_gradient(x)), jnp.floor(lax.stop_gradient(y))
+
+    def blend(fraction: Array, over: float | Array) -> Array:
+        return jnp.clip((fraction - 0.5) / jnp.minimum(over, 1.0) + 0.5, 0.0, 1.0)
+
+    for down in (0, 1):
+        for right in (0, 1):
+            weights = []
+            for over in (width, width_of_colour):
+                fx, fy = blend(x - left, over), blend(y - top, over)
+                weights.append((fx if right else 1 - fx) * (fy if down else 1 - fy))
+            yield (top + down).astype(jnp.int32), (left + right).astype(jnp.int32), *weights

@@ -1,0 +1,43 @@
+"""The sampler is a slot of the tracker: whichever fills it, a frame is tracked."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from perturbed import vertex_errors
+
+from jaxmocap import samplers
+from jaxmocap.energies import search_energy
+from jaxmocap.search import Effort, SearchPlan
+from jaxmocap.track import FrameTracker, Tracker
+
+TRACKER = Tracker(
+    search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore"),
+    SearchPlan((Effort(4, 6, 0.5),), particles=48, spread=0.6),
+    refine=None,
+    flow_start=False,
+)
+
+
+@pytest.mark.parametrize(
+    "sampler", [samplers.InteractingSimulatedAnnealing, samplers.CrossEntropy, samplers.RandomSearch]
+)
+def test_a_frame_is_tracked_with_every_sampler(world, sampler):
+    """From the truth of the frame before, which is off by 1.65 cm."""
+    worker = FrameTracker(world.observations(), replace(TRACKER, sampler=sampler()), jax.random.key(0))
+    state = worker.first(world.shown(1), world.pose(1)).state
+    still = vertex_errors(world, 2, world.pose(1)).mean()
+    assert vertex_errors(world, 2, worker.track(state, world.shown(2)).result.pose).mean() < 0.7 * still
+
+
+@pytest.mark.parametrize("sampler", [samplers.CrossEntropy(sigma_min=0.1), samplers.RandomSearch(shrink=0.5)])
+def test_the_plan_sets_the_sizes_of_a_sampler_and_leaves_its_other_numbers(sampler):
+    plan = SearchPlan((Effort(4, 6), Effort(2, 3)), particles=50)
+    sized = plan.sized(sampler, (0, 7), share=0.5)
+    assert (sized.num_particles, sized.num_iterations) == (25, 9)
+    if isinstance(sampler, samplers.CrossEntropy):
+        np.testing.assert_allclose(sized.sigma_min, [0.002, 0.00436])
+        assert float(sized.smoothing) == float(sampler.smoothing)
+    else:
+        assert float(sized.shrink) == 0.5
