@@ -5,6 +5,7 @@ import pytest
 from moving_cameras import MATRIX, centres_of, moved_world, paths, project
 from scipy.spatial.transform import Rotation
 
+from jaxmocap.calibration import _scale
 from jaxmocap.calibration._scale import SubjectView, fit_scale, triangulate_views
 from jaxmocap.calibration._world import find_gravity, ground_plane, up_from_cameras, world_from_model
 from jaxmocap.camera import describe_views, view_geometry
@@ -87,6 +88,37 @@ def test_noisy_keypoints_do_not_make_the_person_small():
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.015)
     assert np.mean(naive) < np.mean(ratios) - 0.005
     assert 0.4 * np.mean(said) < np.std(ratios) < 2 * np.mean(said)
+
+
+def test_the_jacobian_is_that_of_finite_differences():
+    poses = paths()[:, ::40].swapaxes(0, 1)
+    generator = np.random.default_rng(0)
+    problems: list = []
+
+    def record(*problem, **_):
+        problems.append(problem)
+        raise StopIteration
+
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(StopIteration):
+        patch.setattr(_scale, "_solved", record)
+        fit_scale([view(p, p, 3.0, generator) for p in poses], LENGTHS, "actor", 960)
+    ((problem, initial),) = problems
+    at = initial + 0.01 * generator.normal(size=initial.shape)
+    found = problem.jacobian(at).toarray()
+    for column in range(len(at)):
+        step = 1e-6 * np.eye(len(at))[column]
+        expected = (problem.residuals(at + step) - problem.residuals(at - step)) / 2e-6
+        np.testing.assert_allclose(found[:, column], expected, rtol=1e-4, atol=1e-4)
+
+
+def test_keypoints_at_every_frame_take_no_longer_than_a_few_dozen():
+    """A thousand frames used to make tens of thousands of unknowns with dense finite differences."""
+    poses = np.concatenate([paths().swapaxes(0, 1)] * 20)
+    generator = np.random.default_rng(0)
+    fitted = fit_scale([view(p, p, 1.0, generator) for p in poses], LENGTHS, "actor", 960)
+    assert fitted is not None
+    assert fitted.num_frames == _scale.MOST_INSTANTS
+    assert fitted.metres_per_unit == pytest.approx(1.0, abs=0.005)
 
 
 def test_too_few_bones_give_no_scale():
