@@ -23,7 +23,7 @@ import jaxmocap as jm
 from jaxmocap._results import InputError
 from jaxmocap.camera import write_cameras
 from jaxmocap.capture._config import read_config
-from jaxmocap.capture._keypoints import read_people
+from jaxmocap.detection import read_people
 from jaxmocap.exporters import export
 from jaxmocap.importers import read_bvh, read_glb
 from jaxmocap.synthetic import make_capture, write_capture

@@ -5,6 +5,7 @@ Settings of JAX and the import hook come first, before anything imports JAX or t
 
 import gc
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -44,6 +45,37 @@ def world(tmp_path_factory: pytest.TempPathFactory):
     from synthetic_world import shared_world
 
     return shared_world(tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def videos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The videos of `small`."""
+    from small_captures import POSES, make_video
+
+    folder = tmp_path_factory.mktemp("videos")
+    for name in POSES:
+        make_video(folder / f"{name}.mp4")
+    return folder
+
+
+@pytest.fixture
+def small(tmp_path: Path, videos: Path) -> Path:
+    """A complete, faultless capture of two cameras and 12 frames, to be spoilt by a test."""
+    from small_captures import POSES, TOML, write_keypoints, write_mask, write_model
+
+    folder = tmp_path / "small"
+    folder.mkdir()
+    for name in POSES:
+        shutil.copy(videos / f"{name}.mp4", folder)
+    (folder / "capture.toml").write_text(TOML)
+    write_model(folder / "cameras", POSES, 12)
+    for name in ("keypoints", "masks"):
+        (folder / name).mkdir()
+    for frame in (0, 6):
+        for name, pose in POSES.items():
+            write_keypoints(folder / "keypoints" / f"{name}_{frame:05d}_keypoints.json", pose)
+            write_mask(folder / "masks" / f"{name}_{frame:05d}.png")
+    return folder
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -25,6 +25,7 @@ ROWS = (
     ("appearance",),
     ("render", "character"),
     ("capture",),
+    ("detection",),
     ("camera",),
     ("geometry",),
     ("_cache",),

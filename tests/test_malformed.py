@@ -138,6 +138,11 @@ KEYPOINTS = (
     '{"people": [{"pose_keypoints_2d": [' + ", ".join(["Infinity"] * 75) + "]}]}",
     json.dumps({"people": [{"pose_keypoints_2d": [0.5] * 51}]}),
     json.dumps({"people": [{"pose_keypoints_2d": [100.0, 80.0, 1.0] * 25}] * 3000}),
+    '{"pose_landmarks": [[{"x": 0.5, "y": 0.5}]]}', '{"pose_landmarks": 1}', '{"pose_landmarks": [[1]]}',
+    '[{"keypoints": [[1, 2]] * 17, "keypoint_scores": 1}]', '[{"keypoints": [], "keypoint_scores": []}]',
+    '[{"keypoints": [[[1, 2]]], "keypoint_scores": [1]}]', '[{"keypoints": {}, "keypoint_scores": {}}]',
+    '[{"image_id": "12.jpg", "keypoints": [1, 2, 3]}]', '[{"image_id": [], "keypoints": "x"}]', '[1]', '[{}]',
+    '[{"frame_id": 1e400, "instances": []}]', '[{"frame_id": 0}, 1]', '{"instance_info": null}',
 )  # fmt: skip
 CAMERAS = (
     "1 PINHOLE 320 180 nan 300 160 90\n", "1 PINHOLE 320 180 -300 300 160 90\n", "1 PINHOLE 320 180\n",
@@ -284,7 +289,8 @@ def corpus() -> list:
         cases.append((f"{kind}", "check", name, damage))
     for before, changes in CAPTURE.items():
         cases += [(text[:40], "check", "capture.toml", replaced(before, text)) for text in changes]
-    cases += [(text[:40], "check", "keypoints/cam0_00000_keypoints.json", content(text)) for text in KEYPOINTS]
+    for name in ("keypoints/cam0_00000_keypoints.json", "keypoints/cam0.json"):
+        cases += [(text[:40], "check", name, content(text)) for text in KEYPOINTS]
     cases += [(text[:40], "cameras", "cameras/cameras.txt", content(text)) for text in CAMERAS]
     cases += [(text[:40], "cameras", "cameras/images.txt", content(text)) for text in IMAGES]
     cases += [(text[:40], "track --pose", "pose.json", content(text)) for text in POSES]

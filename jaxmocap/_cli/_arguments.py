@@ -64,7 +64,7 @@ DetectionsFolder = Annotated[
     Path | None,
     tyro.conf.arg(
         metavar="DIR",
-        help="Let a detector's keypoints (OpenPose BODY_25 files, named as the capture's) count beside the pixels.",
+        help="Let a detector's keypoints (files as the capture's may be) count beside the pixels.",
         help_behavior_hint="(default: pixels only)",
     ),
 ]

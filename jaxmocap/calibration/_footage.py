@@ -13,7 +13,8 @@ import av
 import numpy as np
 
 from jaxmocap._results import InputError
-from jaxmocap.capture import Capture, best_person, keypoint_file, mask_file, read_people
+from jaxmocap.capture import Capture, mask_file
+from jaxmocap.detection import best_person
 
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom in pixels of the recorded video."""
@@ -168,11 +169,11 @@ def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: in
 def _boxes(capture: Capture, camera: str, frames: range) -> dict[int, Box]:
     """Put a box around the keypoints of each frame that has them."""
     boxes: dict[int, Box] = {}
-    if capture.keypoints_folder is None:
+    source = capture.video_keypoints(capture.camera_names.index(camera))
+    if source is None:
         return boxes
     for frame in frames:
-        file = keypoint_file(capture.keypoints_folder, camera, frame)
-        person = best_person(read_people(file)) if file.is_file() else None
+        person = best_person(source.people(frame))
         if person is not None and (person[:, 2] >= CONFIDENT).sum() >= 4:
             places = person[person[:, 2] >= CONFIDENT, :2]
             boxes[frame] = (*places.min(0).tolist(), *places.max(0).tolist())

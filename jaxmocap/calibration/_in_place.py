@@ -103,7 +103,7 @@ def refine_cameras(
 
     `motion` is a result of tracking the capture, or its folder. Background and body are adjusted together, and a moment
     is found to a part of a frame. The body is seen in keypoints at tracked frames, the capture's or those of a folder
-    of `detections` (OpenPose BODY_25, named like the capture's); the background in the points of the COLMAP model, as
+    of `detections` (files as the capture's may be); the background in the points of the COLMAP model, as
     `calibrate` writes it. Where there are none, static cameras from a file for example, cameras are held and only the
     offsets are refined. With an open `Capture` nothing is written; with a folder or `capture.toml` the refined model
     becomes a new folder in it with `refinement.json`, which `cameras` names then, and each `offset` is set; the old

@@ -1,6 +1,6 @@
 """Captures on disk: videos with their timestamps, keypoints, masks and cameras, and checks before tracking."""
 
-from ._capture import Capture as Capture
+from ._capture import KEYPOINT_NAMES as KEYPOINT_NAMES, Capture as Capture
 from ._check import check as check
 from ._check_geometry import check_subject as check_subject, triangulated_people as triangulated_people
 from ._check_videos import SYNC_REPORT as SYNC_REPORT
@@ -9,14 +9,7 @@ from ._config import Finding as Finding, config_path as config_path, read_config
 from ._content import content_hash as content_hash, folder_hash as folder_hash
 from ._detections import Detections as Detections
 from ._edit_config import with_cameras_line as with_cameras_line, with_offsets as with_offsets
-from ._keypoints import (
-    KEYPOINT_NAMES as KEYPOINT_NAMES,
-    best_person as best_person,
-    keypoint_file as keypoint_file,
-    mask_file as mask_file,
-    read_mask as read_mask,
-    read_people as read_people,
-)
+from ._masks import mask_file as mask_file, read_mask as read_mask
 from ._picture_steps import Undistortion as Undistortion
 from ._sync_plan import SyncPlan as SyncPlan, plan_new_capture as plan_new_capture, plan_sync as plan_sync
 from ._video import FrameReader as FrameReader, VideoIndex as VideoIndex, index_video as index_video

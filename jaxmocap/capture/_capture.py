@@ -15,11 +15,15 @@ from jaxtyping import Bool, Float64, Int64, UInt8
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, read_cameras
+from jaxmocap.detection import BODY_25, LayoutName, VideoKeypoints, best_person
 
 from ._config import CaptureConfig, Finding, config_path, missing_files, read_config, selected_positions, span_of
-from ._keypoints import best_person, keypoint_file, mask_file, read_mask, read_people
+from ._masks import mask_file, read_mask
 from ._picture_steps import Reduction, Undistortion, reduced_size
 from ._video import FrameReader, VideoIndex, index_video, shared_frames
+
+KEYPOINT_NAMES = tuple("pelvis" if name == "mid_hip" else name for name in BODY_25.points)
+"""The points that `Capture.keypoints` gives."""
 
 _METRES = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
 _CACHED_IMAGES = 8
@@ -44,7 +48,7 @@ class Capture:
     videos: one file per camera.
     selected_frames: positions of the frames to register (Gamma, paper Sec. 3); None: chosen by `choose_frames`.
     masks_folder: PNG masks by camera and frame; None: not given.
-    keypoints_folder: OpenPose BODY_25 files by camera and frame; None: not given.
+    keypoints_folder: a detector's files (`jaxmocap.detection`) by camera and frame; None: not given.
     truth: file of the true motion; None: not known.
     cameras_path: COLMAP model or calibration file; None: not calibrated.
     offsets: seconds added to each video's own time to give the common time.
@@ -54,6 +58,7 @@ class Capture:
     found_masks: (camera, frame) -> undistorted mask, in the place of mask files that are missing (`with_masks`).
     longest_side: pixels; longer pictures are made smaller when decoded, and masks, keypoints and cameras with them;
         None: never.
+    keypoint_layout: of the keypoint files; None: told by the number of points.
     """
 
     folder: Path
@@ -76,6 +81,7 @@ class Capture:
     findings: tuple[Finding, ...] = ()
     found_masks: Mapping[tuple[int, int], Bool[np.ndarray, "height width"]] = field(default_factory=dict)
     longest_side: int | None = None
+    keypoint_layout: LayoutName | None = None
 
     @staticmethod
     def open(path: str | Path, *, with_cameras: bool = True, longest_side: int | None = None) -> "Capture":
@@ -260,7 +266,7 @@ class Capture:
         return mask
 
     def keypoints(self, camera_index: int, frame: int) -> Float64[np.ndarray, "25 3"] | None:
-        """OpenPose BODY_25 points x, y, confidence, moved to the undistorted image; None without a file or a person.
+        """BODY_25 points x, y, confidence, moved to the undistorted image; None without a file or a person.
 
         Of several people the one of the largest mean confidence is taken. Points not found have confidence 0.
         """
@@ -269,9 +275,8 @@ class Capture:
     def people(self, camera_index: int, frame: int, folder: Path | None = None) -> list[Float64[np.ndarray, "25 3"]]:
         """Everybody in a keypoint file, as `keypoints` gives one; from another folder than the capture's if asked."""
         own = self._own_frame(camera_index, frame)
-        folder = self.keypoints_folder if folder is None else folder
-        file = None if folder is None else keypoint_file(folder, self.camera_names[camera_index], own)
-        people = read_people(file) if file is not None and file.is_file() else []
+        source = self.video_keypoints(camera_index, folder)
+        people = [] if source is None else source.people(own)
         for step in self._steps(camera_index):
             for points in people:
                 found = points[:, 2] > 0
@@ -279,12 +284,20 @@ class Capture:
         return people
 
     def keypoint_frames(self, camera_index: int) -> tuple[int, ...]:
-        """The frames for which this camera has a keypoint file."""
-        folder, name = self.keypoints_folder, self.camera_names[camera_index]
+        """The frames for which this camera has keypoints on file, be it that they show nobody."""
+        source, own = self.video_keypoints(camera_index), self.video_frames[camera_index]
+        return () if source is None else tuple(i for i in range(self.num_frames) if source.has(int(own[i])))
+
+    def video_keypoints(self, camera_index: int, folder: Path | None = None) -> VideoKeypoints | None:
+        """The files of one video in the keypoints folder, or in another; None without a folder. Files may bear the
+        video's name instead of the camera's where it is no other video's or camera's."""
+        folder = self.keypoints_folder if folder is None else folder
         if folder is None:
-            return ()
-        own = self.video_frames[camera_index]
-        return tuple(i for i in range(self.num_frames) if keypoint_file(folder, name, int(own[i])).is_file())
+            return None
+        name, stem = self.camera_names[camera_index], self.videos[camera_index].stem
+        alone = stem not in self.camera_names and [video.stem for video in self.videos].count(stem) == 1
+        names = (name, stem) if alone else (name,)
+        return VideoKeypoints(folder, names, self.keypoint_layout, self.recorded_sizes[camera_index])
 
 
 class _RandomAccess:
@@ -332,4 +345,5 @@ def build(file: Path, config: CaptureConfig, indices: list[VideoIndex], findings
         indices=tuple(indices),
         video_frames=shared[:, :num_frames],
         findings=(*findings, *about_frames, *about_selected),
+        keypoint_layout=config.keypoint_layout,
     )

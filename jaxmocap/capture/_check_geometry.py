@@ -11,9 +11,8 @@ from jaxtyping import Array, Float
 
 from jaxmocap.camera import Cameras, View, project, ranges, triangulate
 
-from ._capture import Capture
+from ._capture import KEYPOINT_NAMES, Capture
 from ._config import Finding
-from ._keypoints import KEYPOINT_NAMES
 
 _MOST_FRAMES = 12
 _CONFIDENT = 0.3

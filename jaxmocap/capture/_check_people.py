@@ -1,53 +1,45 @@
 """Checks of keypoint and mask files: names and content."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from jaxmocap._results import InputError
+from jaxmocap.detection import VideoKeypoints, best_person, read_people, read_video
 
 from ._capture import Capture
 from ._config import Finding
-from ._keypoints import best_person, keypoint_file, mask_file, read_mask, read_people
+from ._masks import mask_file, read_mask
+
+_BEYOND = 0.1  # of the picture's size
+_SHARE_BEYOND = 0.1  # of the points
 
 
-def _files(capture: Capture, folder: Path, suffix: str) -> Iterator[tuple[Path, int | None, int]]:
-    """Every file of a folder that ends in `suffix`: (file, camera index or None, frame number in its own video)."""
-    pattern = re.compile(r"(.+)_(\d{5,})" + re.escape(suffix))
-    for file in sorted(folder.glob(f"*{suffix}")):
-        match = pattern.fullmatch(file.name)
-        if match is None or match[1] not in capture.camera_names or len(match[2]) > max(5, len(str(int(match[2])))):
-            yield file, None, -1
-        else:
-            yield file, capture.camera_names.index(match[1]), int(match[2])
-
-
-def _stray(capture: Capture, file: Path, suffix: str) -> Finding:
+def _stray(capture: Capture, file: Path, suffix: str, more: str = "") -> Finding:
     expected = f"{capture.camera_names[0]}_00000{suffix}"
     names = ", ".join(capture.camera_names)
     return Finding(
         "warning",
         f"{file.parent.name}/{file.name}",
-        f"{file} is ignored: its name should be like {expected}, with one of {names}",
+        f"{file} is ignored: its name should be like {expected}, with one of {names}{more}",
     )
 
 
-def _missing(capture: Capture, kind: str, path_of: Callable[[str, int], Path]) -> Iterator[Finding]:
-    for frame in capture.selected_frames or ():
-        for index, camera in enumerate(capture.camera_names):
-            own = int(capture.video_frames[index, frame])
-            if not path_of(camera, own).is_file():
-                where = f"{camera} frame {own}"
-                yield Finding(
-                    "warning",
-                    where,
-                    f"{kind} are missing at the selected frame {own} of {camera}: no {path_of(camera, own)}",
-                )
+def _missing(capture: Capture, kind: str, index: int, own: int, file: Path) -> Finding:
+    camera = capture.camera_names[index]
+    return Finding(
+        "warning",
+        f"{camera} frame {own}",
+        f"{kind} are missing at the selected frame {own} of {camera}: no {file}",
+    )
 
 
 def check_keypoints(capture: Capture) -> Iterator[Finding]:
-    """Layout, number of people, files that are missing at the selected frames or never read."""
-    folder, suffix = capture.keypoints_folder, "_keypoints.json"
+    """Layout, number of people, points outside the picture, files that are missing at the selected frames or never
+    read."""
+    folder = capture.keypoints_folder
     if folder is None:
         yield Finding(
             "note", "keypoints", "there are no keypoints; the pose at the first frame has to come from elsewhere"
@@ -55,30 +47,94 @@ def check_keypoints(capture: Capture) -> Iterator[Finding]:
         return
     if not folder.is_dir():
         return
-    for file, camera_index, frame in _files(capture, folder, suffix):
-        if camera_index is None:
-            yield _stray(capture, file, suffix)
-            continue
-        where = f"{capture.camera_names[camera_index]} frame {frame}"
+    used: set[Path] = set()
+    for index in range(capture.num_cameras):
+        source = capture.video_keypoints(index)
+        assert source is not None
+        files, video = source.frame_files(), source.video_file()
+        used |= {*files.values(), *(file.parent for file in files.values()), *([] if video is None else [video])}
+        yield from _check_files(capture, index, source, files, video)
+    more = ", or one that a detector gives, and one file for a frame"
+    for path in sorted(folder.iterdir()):
+        if path not in used and (path.suffix == ".json" or (path.is_dir() and any(path.glob("*.json")))):
+            yield _stray(capture, path, "_keypoints.json", more)
+
+
+def _check_files(
+    capture: Capture, index: int, source: VideoKeypoints, files: dict[int, Path], video: Path | None
+) -> Iterator[Finding]:
+    """What the files of one camera hold."""
+    name, chosen, readable = capture.camera_names[index], [], True
+    for frame, file in files.items():
+        where = f"{name} frame {frame}"
         try:
-            people = read_people(file)
+            people = read_people(file, source.layout, source.size)
         except InputError as error:
             yield Finding("error", where, str(error))
             continue
-        if not people:
+        person = best_person(people)
+        if person is None:
             yield Finding("warning", where, f"keypoints {file} show nobody")
-        elif len(people) > 1:
-            chosen = best_person(people)
-            confidence = 0.0 if chosen is None else chosen[:, 2].mean()
+        else:
+            chosen.append(person)
+        if person is not None and len(people) > 1:
             yield Finding(
                 "warning",
                 where,
-                f"keypoints {file} show {len(people)} people; the one of the largest confidence ({confidence:.2f}) "
-                "is taken: remove the others if that is not the actor",
+                f"keypoints {file} show {len(people)} people; the one of the largest confidence "
+                f"({person[:, 2].mean():.2f}) is taken: remove the others if that is not the actor",
             )
-        if frame >= capture.indices[camera_index].num_frames:
-            yield Finding("warning", where, f"{file} is beyond the end of {capture.videos[camera_index].name}")
-    yield from _missing(capture, "keypoints", lambda camera, frame: keypoint_file(folder, camera, frame))
+        if frame >= capture.indices[index].num_frames:
+            yield Finding("warning", where, f"{file} is beyond the end of {capture.videos[index].name}")
+    if video is not None:
+        try:
+            frames = read_video(video, source.layout, source.size)
+        except InputError as error:
+            readable = False
+            yield Finding("error", name, str(error))
+        else:
+            chosen += [person for people in frames.values() if (person := best_person(people)) is not None]
+            yield from _check_video(capture, index, video, frames)
+    yield from _outside(capture, index, source, chosen)
+    for frame in capture.selected_frames or ():
+        own = int(capture.video_frames[index, frame])
+        if source.frame_file(own) is None and not (readable and source.has(own)):
+            yield _missing(capture, "keypoints", index, own, source.expected_file(own))
+
+
+def _check_video(capture: Capture, index: int, file: Path, frames: dict[int, list[np.ndarray]]) -> Iterator[Finding]:
+    """A file of the whole video, each finding once."""
+    name, count = capture.camera_names[index], capture.indices[index].num_frames
+    several = [frame for frame, people in frames.items() if len(people) > 1]
+    if not any(frames.values()):
+        yield Finding("warning", name, f"keypoints {file} show nobody")
+    if several:
+        yield Finding(
+            "warning",
+            name,
+            f"keypoints {file} show several people at {len(several)} frames, first at {min(several)}; the one of the "
+            "largest confidence is taken: remove the others if that is not the actor",
+        )
+    if frames and max(frames) >= count:
+        yield Finding(
+            "warning", name, f"{file} goes on to frame {max(frames)}, beyond the end of {capture.videos[index].name}"
+        )
+
+
+def _outside(capture: Capture, index: int, source: VideoKeypoints, people: list[np.ndarray]) -> Iterator[Finding]:
+    """Points of pictures of another size than the video's."""
+    points = np.concatenate([np.zeros((0, 3)), *people])
+    places, size = points[points[:, 2] > 0, :2], np.array(source.size)
+    beyond = ((places < -_BEYOND * size) | (places > (1 + _BEYOND) * size)).any(1)
+    if len(places) and beyond.mean() > _SHARE_BEYOND:
+        x, y = places.max(0)
+        name, width, height = capture.camera_names[index], *source.size
+        yield Finding(
+            "warning",
+            name,
+            f"keypoints of {name} lie as far as {x:.4g}, {y:.4g}, outside the {width}x{height} pixels of "
+            f"{capture.videos[index].name}: the detector saw pictures of another size; run it on this video",
+        )
 
 
 def check_masks(capture: Capture) -> Iterator[Finding]:
@@ -86,10 +142,12 @@ def check_masks(capture: Capture) -> Iterator[Finding]:
     folder = capture.masks_folder
     if folder is None or not folder.is_dir():
         return
-    for file, camera_index, frame in _files(capture, folder, ".png"):
-        if camera_index is None:
+    for file in sorted(folder.glob("*.png")):
+        match = re.fullmatch(r"(.+)_(\d{5,})\.png", file.name)
+        if match is None or match[1] not in capture.camera_names or len(match[2]) > max(5, len(str(int(match[2])))):
             yield _stray(capture, file, ".png")
             continue
+        camera_index, frame = capture.camera_names.index(match[1]), int(match[2])
         where = f"{capture.camera_names[camera_index]} frame {frame}"
         try:
             mask = read_mask(file, capture.sizes[camera_index])
@@ -100,4 +158,9 @@ def check_masks(capture: Capture) -> Iterator[Finding]:
             yield Finding("error", where, f"mask {file} is empty; expected the person in white on black")
         elif mask.mean() > 0.9:
             yield Finding("warning", where, f"mask {file} covers {mask.mean():.0%} of the image; is it inverted?")
-    yield from _missing(capture, "masks", lambda camera, frame: mask_file(folder, camera, frame))
+    for frame in capture.selected_frames or ():
+        for index, camera in enumerate(capture.camera_names):
+            own = int(capture.video_frames[index, frame])
+            file = mask_file(folder, camera, own)
+            if not file.is_file():
+                yield _missing(capture, "masks", index, own, file)

@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float
 
 from jaxmocap.camera import Cameras, project, triangulate
 
-from ._capture import Capture
-from ._keypoints import KEYPOINT_NAMES
+from ._capture import KEYPOINT_NAMES, Capture
 
 DEFAULT_COUNT = 3
 """Of the paper's sequences: three selected frames for about two hundred."""

@@ -13,6 +13,7 @@ from jaxtyping import Int64
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from jaxmocap._results import InputError
+from jaxmocap.detection import LayoutName
 
 from ._video import VideoIndex
 
@@ -85,7 +86,8 @@ class CaptureConfig(BaseModel):
     actor: the character's file.
     cameras: COLMAP model folder or calibration file.
     selected_frames: numbers of frames in the first video (Gamma, paper Sec. 3); chosen by default.
-    keypoints: folder of OpenPose BODY_25 files.
+    keypoints: folder of a detector's files.
+    keypoint_layout: of the keypoint files; told by the number of points by default.
     masks: folder of PNG masks.
     truth: file of the true motion.
     longest_side: pixels of the pictures that are worked on; 960, the paper's (Sec. 5).
@@ -102,6 +104,7 @@ class CaptureConfig(BaseModel):
     cameras: InsidePath | None = None
     selected_frames: list[int] | None = None
     keypoints: InsidePath | None = None
+    keypoint_layout: LayoutName | None = None
     masks: InsidePath | None = None
     truth: InsidePath | None = None
     longest_side: Annotated[int, Field(ge=64, multiple_of=2)] = LONGEST_SIDE

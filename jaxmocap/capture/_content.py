@@ -8,7 +8,7 @@ import numpy as np
 from jaxmocap._cache import digest
 
 from ._capture import Capture
-from ._keypoints import keypoint_file, mask_file
+from ._masks import mask_file
 
 _CHUNK = 1 << 20
 
@@ -17,30 +17,34 @@ def content_hash(capture: Capture) -> str:
     """Hash the videos, the cameras, the keypoints, the masks and the settings of `capture.toml` that matter for
     tracking; not of comments, names of files, or the truth. Reads every video once."""
     settings = (capture.up, capture.metres_per_unit, capture.selected_frames, capture.offsets, capture.camera_names)
+    settings += () if capture.keypoint_layout is None else (capture.keypoint_layout,)
     cameras = None if capture.cameras_path is None else capture.cameras
     found = hashlib.blake2b(digest((settings, capture.video_frames, cameras)).encode(), digest_size=16)
     for video in capture.videos:
         _add(found, "video", video)
+    sources = [capture.video_keypoints(camera) for camera in range(capture.num_cameras)]
     for frame in range(capture.num_frames):
         for camera, name in enumerate(capture.camera_names):
-            own = int(capture.video_frames[camera, frame])
-            for kind, folder, file in (
-                ("keypoints", capture.keypoints_folder, keypoint_file),
-                ("mask", capture.masks_folder, mask_file),
-            ):
-                if folder is not None and (path := file(folder, name, own)).is_file():
+            own, source = int(capture.video_frames[camera, frame]), sources[camera]
+            points = None if source is None else source.frame_file(own)
+            mask = None if capture.masks_folder is None else mask_file(capture.masks_folder, name, own)
+            for kind, path in (("keypoints", points), ("mask", mask)):
+                if path is not None and path.is_file():
                     _add(found, f"{kind} {camera} {frame}", path)
+    for camera, source in enumerate(sources):
+        if source is not None and (path := source.video_file()) is not None:
+            _add(found, f"keypoints {camera}", path)
     for (camera, frame), mask in sorted(capture.found_masks.items()):
         found.update(f"found mask {camera} {frame} {mask.shape}".encode() + np.packbits(mask).tobytes())
     return found.hexdigest()
 
 
 def folder_hash(folder: Path) -> str:
-    """Hash all files of a folder, by name."""
+    """Hash all files of a folder and the folders in it, by name."""
     found = hashlib.blake2b(digest_size=16)
-    for path in sorted(folder.iterdir()):
+    for path in sorted(folder.rglob("*")):
         if path.is_file():
-            _add(found, path.name, path)
+            _add(found, path.relative_to(folder).as_posix(), path)
     return found.hexdigest()
 
 

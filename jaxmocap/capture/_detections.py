@@ -10,7 +10,6 @@ from jaxtyping import Float64
 from jaxmocap._results import InputError
 
 from ._capture import Capture
-from ._keypoints import keypoint_file
 
 
 @dataclass(frozen=True)
@@ -18,7 +17,7 @@ class Detections:
     """A detector's keypoints; a frame or camera may be missing.
 
     capture: the capture they are of.
-    folder: OpenPose BODY_25 files, named as the capture's keypoints are.
+    folder: files of the forms and names that the capture's keypoints may have (`jaxmocap.detection`).
     frames: positions at which they may be used; None: all.
     """
 
@@ -34,10 +33,12 @@ class Detections:
         """
         folder = Path(folder)
         if not folder.is_dir():
-            raise InputError(f"detections {folder}: there is no such folder; give one with OpenPose BODY_25 files.")
+            raise InputError(
+                f"detections {folder}: there is no such folder; give one with OpenPose or other keypoints."
+            )
         detections = Detections(capture, folder, frames)
         if not any(detections.has(c, f) for f in range(capture.num_frames) for c in range(capture.num_cameras)):
-            name = keypoint_file(folder, capture.camera_names[0], int(capture.video_frames[0, 0])).name
+            name = f"{capture.camera_names[0]}_{capture.video_frames[0, 0]:05d}_keypoints.json"
             raise InputError(
                 f"detections {folder} hold no file of capture '{capture.name}' in the frames asked for; files are "
                 f"named {name} and so on."
@@ -45,10 +46,10 @@ class Detections:
         return detections
 
     def has(self, camera_index: int, frame: int) -> bool:
-        """Whether there is a file that may be used."""
-        own = int(self.capture.video_frames[camera_index, frame])
+        """Whether there are keypoints on file that may be used."""
         wanted = self.frames is None or frame in self.frames
-        return wanted and keypoint_file(self.folder, self.capture.camera_names[camera_index], own).is_file()
+        source = self.capture.video_keypoints(camera_index, self.folder)
+        return wanted and source is not None and source.has(int(self.capture.video_frames[camera_index, frame]))
 
     def people(self, camera_index: int, frame: int) -> list[Float64[np.ndarray, "25 3"]]:
         """Everybody found in one view; empty where there is no file that may be used. Raises `InputError` for a file

@@ -112,7 +112,7 @@ def track_capture(
     `tracker` a tracker, instead of the capture's and the preset; `settings` change single settings of the tracker by
     name (`with_settings`). Selected frames that the capture does not name are chosen, and masks it does not have are
     found (unless `find_masks` is off); the report says so, and `say` is told at once, also when a mask is doubtful.
-    With `detections`, a folder of BODY_25 files, keypoints count beside the pixels, in `detections_frames` or
+    With `detections`, a folder of a detector's files, keypoints count beside the pixels, in `detections_frames` or
     everywhere.
 
     A run that fails or is killed leaves the frames it has done in `out`, and with `resume` the same call goes on from

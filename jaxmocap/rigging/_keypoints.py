@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, read_cameras
-from jaxmocap.capture import best_person, read_people
+from jaxmocap.detection import best_person, read_people
 
 from ._fit_template import Pin
 from ._picture_cameras import CAMERAS_FILE, VIEWS, metres_per_unit_of

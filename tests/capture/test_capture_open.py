@@ -373,7 +373,7 @@ def test_poses_missing_in_the_model_are_listed(small: Path):
     [
         ("{", ["cam0_00000_keypoints.json", "not JSON"]),
         ('{"persons": []}', ["cam0_00000_keypoints.json", "not an OpenPose file"]),
-        ('{"people": [{"pose_keypoints_2d": ' + str([1.0] * 51) + "}]}", ["51 numbers", "COCO (17 points)", "75"]),
+        ('{"people": [{"pose_keypoints_2d": ' + str([1.0] * 54) + "}]}", ["54 numbers", "COCO (18 points)", "75"]),
         ('{"people": [{"pose_keypoints_2d": ' + str([1.0] * 74) + "}]}", ["74 numbers", "BODY_25"]),
         ('{"people": [{"pose_keypoints_2d": ' + str([1.0] * 74 + ["x"]) + "}]}".replace("'", '"'), ["cam0_00000"]),
         ('{"people": [{"pose_keypoints_2d": [NaN' + ", 1.0" * 74 + "]}]}", ["cam0_00000", "not finite"]),

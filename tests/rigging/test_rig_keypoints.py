@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmocap import Character, InputError, read_cameras, rig, rig_pictures
 from jaxmocap._cli import run
-from jaxmocap.capture import read_people
+from jaxmocap.detection import read_people
 from jaxmocap.rigging._seen_joints import cross
 
 MEAN, WORST = 2.5, 5.0  # centimetres

@@ -1,0 +1,89 @@
+"""Where the keypoints of a video lie: one file per picture, or one for the whole video, by the names programs give."""
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from ._layouts import LayoutName
+from ._read import People, Size, people_at, read_people
+
+_AT_THE_TOP = re.compile(r".+_(\d{5,})_keypoints\.json")
+_INSIDE = re.compile(r"(?:.*_)?(\d{5,})(?:_keypoints)?\.json")
+
+
+@dataclass(frozen=True)
+class VideoKeypoints:
+    """A detector's keypoints of one video. Frames are numbered from 0 in the video.
+
+    folder: where the files of all cameras lie.
+    names: by which the files are named; the camera's first, then that of the video without its suffix.
+    layout: of the points; None: told by their number.
+    size: (width, height) of the video in pixels.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+    layout: LayoutName | None
+    size: Size
+
+    def expected_file(self, frame: int) -> Path:
+        """Our own name of the file of one frame."""
+        return self.folder / f"{self.names[0]}_{frame:05d}_keypoints.json"
+
+    def frame_file(self, frame: int) -> Path | None:
+        """The file of one frame: `<camera>_00012_keypoints.json`, OpenPose's `<video>_000000000012_keypoints.json`, or
+        any name that ends in the frame's number (5 digits or more) in a folder `<video>_json`, as Pose2Sim writes it,
+        or `<video>`."""
+        for file in (
+            self.expected_file(frame),
+            *(self.folder / f"{name}_{frame:012d}_keypoints.json" for name in self.names),
+        ):
+            if file.is_file():
+                return file
+        return next((files[frame] for files in map(_numbered, self._folders()) if frame in files), None)
+
+    def frame_files(self) -> dict[int, Path]:
+        """The file of every frame that has one of its own."""
+        frames = {int(found[1]) for file in self.folder.iterdir() if (found := _AT_THE_TOP.fullmatch(file.name))}
+        frames = frames.union(*map(_numbered, self._folders()))
+        return {frame: file for frame in sorted(frames) if (file := self.frame_file(frame)) is not None}
+
+    def video_file(self) -> Path | None:
+        """The file of the whole video, `<camera>.json` or `<video>.json`."""
+        files = (self.folder / f"{name}.json" for name in self.names)
+        return next((file for file in files if file.is_file()), None)
+
+    def has(self, frame: int) -> bool:
+        """Whether the detector says anything about a frame, be it that nobody is there. Raises `InputError` for a
+        whole video's file that cannot be read."""
+        return self.frame_file(frame) is not None or self._of_video(frame) is not None
+
+    def people(self, frame: int) -> People:
+        """Everybody at one frame, as `read_people`; nobody where there is no file. Raises `InputError` for a file that
+        cannot be read."""
+        file = self.frame_file(frame)
+        return (self._of_video(frame) or []) if file is None else read_people(file, self.layout, self.size)
+
+    def _of_video(self, frame: int) -> People | None:
+        file = self.video_file()
+        return None if file is None else people_at(file, frame, self.layout, self.size)
+
+    def _folders(self) -> list[Path]:
+        folders = (self.folder / name for base in self.names for name in (f"{base}_json", base))
+        return [folder for folder in folders if folder.is_dir()]
+
+
+def _numbered(folder: Path) -> dict[int, Path]:
+    """The files of a folder by the frame their names end in."""
+    return _kept_listing(folder, folder.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _kept_listing(folder: Path, changed: int) -> dict[int, Path]:
+    """`changed` (nanoseconds) tells that files came or went."""
+    found: dict[int, Path] = {}
+    for file in sorted(folder.iterdir()):
+        if (name := _INSIDE.fullmatch(file.name)) and file.is_file():
+            found.setdefault(int(name[1]), file)
+    return found
