@@ -17,9 +17,9 @@ def content_hash(capture: Capture) -> str:
     """Hash the videos, the cameras, the keypoints, the masks and the settings of `capture.toml` that matter for
     tracking; not of comments, names of files, or the truth. Reads every video once."""
     settings = (capture.up, capture.metres_per_unit, capture.selected_frames, capture.offsets, capture.camera_names)
-    settings += () if capture.keypoint_layout is None else (capture.keypoint_layout,)
+    layout = () if capture.keypoint_layout is None else (capture.keypoint_layout,)
     cameras = None if capture.cameras_path is None else capture.cameras
-    found = hashlib.blake2b(digest((settings, capture.video_frames, cameras)).encode(), digest_size=16)
+    found = hashlib.blake2b(digest((settings, capture.video_frames, cameras, *layout)).encode(), digest_size=16)
     for video in capture.videos:
         _add(found, "video", video)
     sources = [capture.video_keypoints(camera) for camera in range(capture.num_cameras)]
