@@ -40,6 +40,6 @@ def test_the_public_names_are_the_listed_ones():
     kept = LIST.read_text().splitlines()
     gone, new = [line for line in kept if line not in lines], [line for line in lines if line not in kept]
     assert lines == kept, (
-        f"the public interface is not what {LIST.name} lists.\nNo longer there: {gone}\nNew: {new}\nIf that is meant, say "
-        f"so in CHANGELOG.md, and write the list anew: {RENEW}=1 python -m pytest -n 0 tests/{Path(__file__).name}"
+        f"the public interface is not what {LIST.name} lists.\nNo longer there: {gone}\nNew: {new}\nIf that is meant, "
+        f"say so in CHANGELOG.md and write the list anew: {RENEW}=1 python -m pytest -n 0 tests/{Path(__file__).name}"
     )
