@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar, ParamSpec, TypeVar, cast
 
 import equinox as eqx
+import jax.core
 import jax.export
 import numpy as np
 

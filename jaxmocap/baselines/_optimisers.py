@@ -73,7 +73,7 @@ class CovarianceMatrixAdaptation(AbstractSampler):
 
     def _strategy(self, num_dofs: int):
         try:
-            from evosax.algorithms import CMA_ES
+            from evosax.algorithms import CMA_ES  # pyright: ignore[reportMissingImports]
         except ImportError:
             raise InputError(
                 "CMA-ES needs evosax, which is not installed; run pip install 'jaxmocap[bench]', or leave it out."
