@@ -16,6 +16,7 @@ def test_ruff_finds_nothing(command):
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.slow
 def test_pyright_finds_nothing():
     arguments = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable]
     done = subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True)
