@@ -113,7 +113,8 @@ def score_particles(
     dynamic, static = eqx.partition((energy, group, base), eqx.is_array)
 
     def generation(arrays: Any, rows: Array) -> tuple[Array, Array]:
-        return _score(*eqx.combine(arrays, static), rows, capacity, driver)
+        energy, group, base = eqx.combine(arrays, static)
+        return _score(energy, group, base, rows, capacity, driver)
 
     terms, needed = _share_out(generation, dynamic, increments)
     return Scores(terms @ energy.weights, terms, needed.max())

@@ -103,7 +103,7 @@ def search_silhouettes(
     fixed: list[int],
 ) -> Pose:
     """Annealing on the silhouette energy, group by group."""
-    energy = SearchEnergy((Silhouette(masks),))
+    energy = SearchEnergy((Silhouette(masks=masks),))
     spread = character.skeleton.initial_spread * 1.5
     spread[fixed] = 0.0
     for number, search in enumerate(group_searches(character)):

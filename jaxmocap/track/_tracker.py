@@ -80,8 +80,16 @@ class Tracker:
         efforts = (Effort(4, 10, 0.25), Effort(2, 6, 0.5))
         habits = {"prediction": True, "angles": "away_from_limits", "longest_flash": 3, "light": LightSettings()}
         if quality == "normal":
-            economy = {"gating": Gating(), "retry": Retry(), "relocalise": 3}
-            search = SearchPlan(efforts, particles=96, trunk=0.6, wide=0.25, prior=0.002, **economy)
+            search = SearchPlan(
+                efforts,
+                particles=96,
+                trunk=0.6,
+                wide=0.25,
+                prior=0.002,
+                gating=Gating(),
+                retry=Retry(),
+                relocalise=3,
+            )
             return Tracker(fast, search, plan, backward_search=BackwardSearch(), **habits)
         if quality == "draft":
             coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6, prior=0.002)
