@@ -90,7 +90,7 @@ def test_noisy_keypoints_do_not_make_the_person_small():
     assert 0.4 * np.mean(said) < np.std(ratios) < 2 * np.mean(said)
 
 
-def test_the_jacobian_is_that_of_finite_differences():
+def test_the_jacobian_is_that_of_finite_differences(monkeypatch):
     poses = paths()[:, ::40].swapaxes(0, 1)
     generator = np.random.default_rng(0)
     problems: list = []
@@ -99,9 +99,10 @@ def test_the_jacobian_is_that_of_finite_differences():
         problems.append(problem)
         raise StopIteration
 
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(StopIteration):
-        patch.setattr(_scale, "_solved", record)
-        fit_scale([view(p, p, 3.0, generator) for p in poses], LENGTHS, "actor", 960)
+    views = [view(p, p, 3.0, generator) for p in poses]
+    monkeypatch.setattr(_scale, "_solved", record)
+    with pytest.raises(StopIteration):
+        fit_scale(views, LENGTHS, "actor", 960)
     ((problem, initial),) = problems
     at = initial + 0.01 * generator.normal(size=initial.shape)
     found = problem.jacobian(at).toarray()
