@@ -27,7 +27,7 @@ FOLDER = "JAXMOCAP_PROGRAMS"
 """The environment variable that names the folder; empty or absent: nothing is kept."""
 
 LARGEST = 1 << 29
-"""Bytes that kept programs may take; those that have not been used for longest go first."""
+"""Bytes that exported programs may take; those that have not been used for longest go first."""
 
 MOST_MAPS = 30_000
 """Memory maps of the process above which compiled programs are dropped."""
@@ -58,7 +58,7 @@ def cached_jit(function: Callable[_P, _T], options: Callable[[], dict[str, Any]]
     it, JAX's configuration, the devices, every static value and the shape and type of every array are the same. Where
     an argument holds a value that cannot be compared with one of another run (a function, a record of somebody else),
     where the function is itself being traced, or where anything is wrong with the folder, the function is traced as
-    ever. A kept program is what tracing gives, so the bits are the same. `options` gives XLA's options for a CPU.
+    ever. An exported program is what tracing gives, so the bits are the same. `options` gives XLA's options for a CPU.
     """
     return cast(Any, functools.wraps(function)(_CachedJit(function, options)))
 

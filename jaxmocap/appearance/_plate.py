@@ -1,7 +1,7 @@
-"""The clean plate: the background as a picture, without its person, carried from frame to frame.
+"""The clean plate: the background as a picture, without its person, warped from frame to frame.
 
 The grid's colour models (Sec. 3.2) know which colours a triangle of the background has, not where. Skin before a
-skin-coloured pavement is then camouflage. The same grid warp can carry the picture itself, and that tells a forearm
+skin-coloured pavement is then camouflage. The same grid warp can move the picture itself, and that tells a forearm
 from the bricks behind it.
 """
 

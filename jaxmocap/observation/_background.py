@@ -1,4 +1,4 @@
-"""Psi_b of Eq. 3 frame by frame: selected frames' backgrounds warped to the frame, and clean plates carried along."""
+"""Psi_b of Eq. 3 frame by frame: selected frames' backgrounds warped to the frame, and clean plates warped along."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -24,7 +24,7 @@ from ._problem import FrameImages, full_image_ids
 from ._rectangle import Rectangle
 
 LONGEST_GAP = 4
-"""Frames over which a clean plate is carried on."""
+"""Frames over which a clean plate is warped on."""
 
 Matches = tuple[np.ndarray, np.ndarray]
 
@@ -129,7 +129,7 @@ class BackgroundModel:
         image: np.ndarray,
         person: Bool[np.ndarray, "height width"],
     ) -> tuple[CleanPlate, CameraBackground]:
-        """The camera's plate at a frame: carried on from the frame before, or put together from the selected ones."""
+        """The camera's plate at a frame: warped on from the frame before, or put together from the selected ones."""
         before, settings = known.plate, self.appearance.settings
         if before is None or abs(before.frame - frame) > LONGEST_GAP:
             selected = self.appearance.selected_frames

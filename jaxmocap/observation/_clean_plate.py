@@ -68,7 +68,7 @@ def neighbour_warp(
     settings: AppearanceSettings,
     growth: int = 10,
 ) -> GridWarp:
-    """The grid carried from a frame to the next one by the dense flow beside the person."""
+    """The grid warped from a frame to the next one by the dense flow beside the person."""
     height, width = before.shape[:2]
     scale = min(1.0, LONGEST_SIDE / max(height, width))
     size = (round(width * scale), round(height * scale))

@@ -194,7 +194,7 @@ def warp_image(
     vertices: Float[np.ndarray, "vertex 2"],
     grid: GridSettings | None = None,
 ) -> tuple[UInt8[np.ndarray, "height width 3"], Bool[np.ndarray, "height width"]]:
-    """An image carried by its warped grid (affine per triangle), and where the result comes from usable pixels."""
+    """An image under its warped grid (affine per triangle), and where the result comes from usable pixels."""
     grid = GridSettings() if grid is None else grid
     height, width = image.shape[:2]
     regular = grid_vertices(height, width, grid.rows, grid.columns)

@@ -79,13 +79,13 @@ def light_change(
     forward, backward = dense_flow(first, second, "fast"), dense_flow(second, first, "fast")
     rows, columns = np.mgrid[: first.shape[0], : first.shape[1]].astype(np.float32)
     there = columns + forward[..., 0], rows + forward[..., 1]
-    carried = cv2.remap(after.astype(np.float32), *there, cv2.INTER_LINEAR, borderValue=(0, 0, 0, 0))
+    warped = cv2.remap(after.astype(np.float32), *there, cv2.INTER_LINEAR, borderValue=(0, 0, 0, 0))
     here = before.astype(np.float32)
-    both = np.concatenate([here, carried], axis=-1)
+    both = np.concatenate([here, warped], axis=-1)
     good = flow_agrees(forward, backward) & (both.min(-1) > _DARK) & (both.max(-1) < _BRIGHT)
     if not good.any():
         return np.zeros(3), 0.0
-    return np.median(np.log(carried[good] / here[good]), axis=0), float(good.mean())
+    return np.median(np.log(warped[good] / here[good]), axis=0), float(good.mean())
 
 
 def relit(

@@ -1,7 +1,7 @@
-"""Correspondences by carrying a picture over the surface: what the model should look like against what is seen.
+"""Correspondences by transferring a picture over the surface: what the model should look like against what is seen.
 
-A source picture (the same camera at a selected frame or at the last frame, or another camera at this frame) is carried
-through the mesh into the current view at the current pose; the dense flow from that prediction to the real image says
+A source picture (the same camera at a selected frame or at the last frame, or another camera at this frame) is moved
+over the mesh into the current view at the current pose; the dense flow from that prediction to the real image says
 where each visible surface point should be. With selected frames as sources this does not drift; with the other camera
 as source it is view-view consistency (Eq. 7) in least-squares form; with the last frame it is the flow tracking of the
 paper's [4].
@@ -124,18 +124,18 @@ def surface_flow(
     order of preference; a pixel uses every source that sees it."""
     host_ids = np.asarray(ids)
     greys = [_grey(image) for image in images]
-    jobs = [(camera, source) for camera in range(problem.num_cameras) for source in sources[camera]]
+    pairs = [(camera, source) for camera in range(problem.num_cameras) for source in sources[camera]]
 
-    def one(job: tuple[int, Source]) -> list[SurfaceLines]:
-        camera, source = job
+    def one(pair: tuple[int, Source]) -> list[SurfaceLines]:
+        camera, source = pair
         return _one_source(character, vertices, host_ids[camera], greys[camera], camera, problem, source, settings)
 
     with ThreadPoolExecutor(max_workers=2) as pool:
-        return [lines for found in pool.map(one, jobs) for lines in found]
+        return [lines for found in pool.map(one, pairs) for lines in found]
 
 
 class Comparison(NamedTuple):
-    """A source carried into a view: where each pixel's surface point lies in the source, whether the source shows it
+    """A source transferred into a view: where each pixel's surface point lies in the source, whether it is seen there
     too, whether its flow may be believed, the flow in pixels, and how much structure there is."""
 
     source_pixel: Float[np.ndarray, "height width 2"]
@@ -167,10 +167,10 @@ def compare(
     good = np.zeros(ids.shape, bool)
     box = _box_of(seen)
     if box is not None:
-        carried = sample_picture(_grey(source.image), source_pixel[box][..., 0], source_pixel[box][..., 1])
+        transferred = sample_picture(_grey(source.image), source_pixel[box][..., 0], source_pixel[box][..., 1])
         seen_here, target_here = seen[box], target[box]
-        gain = float(np.clip(target_here[seen_here].mean() / max(carried[seen_here].mean(), 1.0), 0.5, 2.0))
-        predicted = np.where(seen_here, np.clip(carried * gain, 0, 255), target_here).astype(np.uint8)
+        gain = float(np.clip(target_here[seen_here].mean() / max(transferred[seen_here].mean(), 1.0), 0.5, 2.0))
+        predicted = np.where(seen_here, np.clip(transferred * gain, 0, 255), target_here).astype(np.uint8)
         forward = dense_flow(predicted, target_here, settings.preset)
         backward = dense_flow(target_here, predicted, settings.preset)
         good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here, settings)

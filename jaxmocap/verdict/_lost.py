@@ -62,7 +62,7 @@ def _jumping(
     for here in range(1, len(results) - 1):
         earlier, pose, later = (result.pose for result in results[here - 1 : here + 2])
         far[here] = limb_deviation(character.skeleton, earlier, pose, later, dofs)[0]
-    peak = far >= np.maximum(np.append(far[1:], 0), np.append(0, far[:-1]))  # its neighbours stray only because of it
+    peak = far >= np.maximum(np.append(far[1:], 0), np.append(0, far[:-1]))  # its neighbours deviate only because of it
     return peak & (far > settings.limb_deviation) & (2 * far * fps**2 > settings.acceleration_limit)
 
 

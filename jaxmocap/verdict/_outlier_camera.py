@@ -45,13 +45,13 @@ def contradicted(results: Sequence[FrameResult], settings: VerdictSettings) -> B
     `settings.view_gap` metres apart; of two cameras none can be told to be the wrong one, nor one that shares nothing
     with any other."""
     cameras = max((len(result.signals.costs) for result in results if result.signals is not None), default=0)
-    odd = np.zeros((len(results), cameras))
+    outlier = np.zeros((len(results), cameras))
     for index, result in enumerate(results):
         if result.signals is not None:
-            odd[index] = _without_company(result.signals, settings)
+            outlier[index] = _without_company(result.signals, settings)
     if cameras:
-        odd = np.stack([steadied(marks, settings.steady) for marks in odd.T], -1)
-    return (odd > 0.5) & ((odd <= 0.5).sum(axis=1, keepdims=True) >= 2)
+        outlier = np.stack([steadied(marks, settings.steady) for marks in outlier.T], -1)
+    return (outlier > 0.5) & ((outlier <= 0.5).sum(axis=1, keepdims=True) >= 2)
 
 
 def agreement(
