@@ -21,7 +21,12 @@ TRACKER = Tracker(
 
 
 @pytest.mark.parametrize(
-    "sampler", [samplers.InteractingSimulatedAnnealing, samplers.CrossEntropy, samplers.RandomSearch]
+    "sampler",
+    [
+        pytest.param(samplers.InteractingSimulatedAnnealing, marks=pytest.mark.slow),
+        samplers.CrossEntropy,
+        pytest.param(samplers.RandomSearch, marks=pytest.mark.slow),
+    ],
 )
 def test_a_frame_is_tracked_with_every_sampler(world, sampler):
     """From the truth of the frame before, which is off by 1.65 cm."""
