@@ -44,10 +44,7 @@ _T = TypeVar("_T")
 _Program = tuple[Any, Any]
 """Of flat arrays to flat arrays, and the structure of the answer."""
 
-
 _ahead: dict[Path, Future[_Program]] = {}
-
-
 _used: dict[str, None] = {}
 
 
@@ -102,10 +99,11 @@ def free_programs() -> None:
     """Drop the compiled programs of this package. Those of whoever uses it stay, and what was exported to disk too."""
     for program in list(_CachedJit.every):
         program.free()
-    for module in [module for name, module in sys.modules.items() if name.startswith(f"{_PACKAGE}.")]:
-        for name, value in list(vars(module).items()):
-            if name.startswith("__") or isinstance(value, _CachedJit):
-                continue
+    ours = f"{_PACKAGE}."
+    for module in [module for name, module in sys.modules.items() if name.startswith(ours)]:
+        for value in list(vars(module).values()):
+            if isinstance(value, _CachedJit) or not str(getattr(value, "__module__", "")).startswith(ours):
+                continue  # what a module has imported of others is theirs
             if hasattr(value, "clear_cache"):  # a function under jax.jit
                 value.clear_cache()
             elif hasattr(value, "_cached"):  # a function under eqx.filter_jit, which wraps one under jax.jit
@@ -141,7 +139,8 @@ class _CachedJit:
             if found is not None:
                 found[0].clear_cache()
         self.programs.clear()
-        cast(Any, self.traced)._cached.clear_cache()
+        if (traced := self.__dict__.get("traced")) is not None:
+            traced._cached.clear_cache()
 
     def __call__(self, *args: Any) -> Any:
         folder = os.environ.get(FOLDER, "")

@@ -34,6 +34,7 @@ _BONE_SIGMA = 0.04  # of a bone's length: a detector's joints are not the skelet
 FEWEST_BONES = 4
 MOST_INSTANTS = 36
 """Of those with keypoints, as many tell the scale."""
+_MOST_STEPS = 200
 _HEIGHT_DEVIATION = 0.04  # limbs of people of one height differ by this
 
 
@@ -139,9 +140,9 @@ def fit_scale(views: Sequence[SubjectView], lengths: Mapping[str, float], source
 
 
 def _solved(
-    problem: "_ScaleProblem", values: Float[np.ndarray, "unknown"], steps: int = 200
+    problem: "_ScaleProblem", values: Float[np.ndarray, "unknown"]
 ) -> tuple[Float[np.ndarray, "unknown"], csc_array]:
-    """The least sum of robust residuals (soft L1), and J^T J there.
+    """Minimise the sum of robust residuals (soft L1); returns the unknowns and J^T J of the last step.
 
     Levenberg and Marquardt's method with reweighting. Sparse factors make a step of a thousand joints a matter of
     milliseconds; SciPy's least squares takes dense factors or an iterative solver, which where cameras stand close
@@ -150,12 +151,12 @@ def _solved(
     damping, rows = 1e-3, problem.residuals(values)
     cost = _soft_l1(rows)
     normal = csc_array((values.size, values.size))
-    for _ in range(steps):
+    for _ in range(_MOST_STEPS):
         weight, jacobian = 1 / np.sqrt(1 + rows**2), problem.jacobian(values)
         weighted = jacobian.T * weight
         normal = csc_array(weighted @ jacobian)
         diagonal = normal.diagonal()
-        normal += diags_array(1e-12 * diagonal.max() + 0 * diagonal)
+        normal += diags_array(np.full(values.size, 1e-12 * diagonal.max()))
         step = -splu(csc_array(normal + diags_array(damping * diagonal))).solve(weighted @ rows)
         moved = problem.residuals(values + step)
         after = _soft_l1(moved)

@@ -18,8 +18,7 @@ from jaxmocap.camera import Cameras, read_cameras
 from jaxmocap.detection import BODY_25, LayoutName, VideoKeypoints, best_person
 
 from ._config import CaptureConfig, Finding, config_path, missing_files, read_config, selected_positions, span_of
-from ._masks import mask_file, read_mask
-from ._picture_steps import Reduction, Undistortion, reduced_size
+from ._picture_steps import Reduction, Undistortion, mask_file, read_mask, reduced_size
 from ._video import FrameReader, VideoIndex, index_video, shared_frames
 
 KEYPOINT_NAMES = tuple("pelvis" if name == "mid_hip" else name for name in BODY_25.points)

@@ -11,7 +11,7 @@ from jaxmocap.detection import VideoKeypoints, best_person, read_people, read_vi
 
 from ._capture import Capture
 from ._config import Finding
-from ._masks import mask_file, read_mask
+from ._picture_steps import mask_file, read_mask
 
 _BEYOND = 0.1  # of the picture's size
 _SHARE_BEYOND = 0.1  # of the points

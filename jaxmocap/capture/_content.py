@@ -8,7 +8,7 @@ import numpy as np
 from jaxmocap._cache import digest
 
 from ._capture import Capture
-from ._masks import mask_file
+from ._picture_steps import mask_file
 
 _CHUNK = 1 << 20
 

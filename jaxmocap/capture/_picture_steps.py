@@ -1,8 +1,12 @@
-"""From recorded videos to the pictures that are worked on: made smaller, and lens distortion removed."""
+"""From recorded videos and mask files to the pictures that are worked on: made smaller, lens distortion removed."""
+
+from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
+
+from jaxmocap._results import InputError
 
 
 def reduced_size(size: tuple[int, int], longest_side: int | None) -> tuple[int, int]:
@@ -76,3 +80,20 @@ class Undistortion:
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
         ideal = cv2.undistortPoints(raw, self._matrix, self._distortion, R=np.eye(3), P=self._matrix, criteria=criteria)
         return ideal.reshape(-1, 2) + 0.5
+
+
+def mask_file(folder: Path, camera: str, frame: int) -> Path:
+    return folder / f"{camera}_{frame:05d}.png"
+
+
+def read_mask(file: Path, size: tuple[int, int]) -> Bool[np.ndarray, "height width"]:
+    """Read a mask image, true above half of its largest value. Raises `InputError` for a size unlike the video's."""
+    image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise InputError(f"mask {file} cannot be read as an image")
+    if image.shape[::-1] != size:
+        raise InputError(
+            f"mask {file} has {image.shape[1]}x{image.shape[0]} pixels, but its video has {size[0]}x{size[1]}; masks "
+            "must have the size of the video"
+        )
+    return (image > image.max() / 2.0) & (image > 0)

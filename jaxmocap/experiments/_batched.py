@@ -15,6 +15,7 @@ from jaxmocap.energies import GroupProblem, SearchEnergy, body_part, part_window
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import Driver, best_driver
 from jaxmocap.samplers import AbstractSampler, run
+from jaxmocap.search import ROOT_REACH
 from jaxmocap.track import with_settings
 
 
@@ -78,7 +79,7 @@ class SearchBatch(eqx.Module):
         dofs, skeleton = groups[group], character.skeleton
         part = body_part(character, dofs)
         whole = GroupProblem.whole(character, part, pose, problem.coarser(step))
-        reach = jnp.array([0.5, 0.5, 0.5, 1.2, 1.2, 1.2])
+        reach = jnp.array(ROOT_REACH)
         lower = jnp.concatenate([-reach, skeleton.lower - pose.angles])[jnp.array(dofs)]
         upper = jnp.concatenate([reach, skeleton.upper - pose.angles])[jnp.array(dofs)]
         spread = jnp.asarray(skeleton.initial_spread[np.array(dofs)], jnp.float32)

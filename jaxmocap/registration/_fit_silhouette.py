@@ -12,9 +12,7 @@ from jaxmocap.energies import ContourSettings, LandmarkRays, SearchEnergy, Silho
 from jaxmocap.observation import FrameProblem, draw
 from jaxmocap.refinement import (
     FlowSettings,
-    Prior,
     Rows,
-    Source,
     descend,
     free_prior,
     padded,
@@ -54,10 +52,21 @@ def intersection_over_union(ids: np.ndarray, mask: Bool[np.ndarray, "height widt
     return float((drawn & mask).sum() / union) if union else float("nan")
 
 
-def _frozen(prior: Prior, fixed: list[int]) -> Prior:
-    """The prior with some DoFs held at the base pose."""
-    index = jnp.array(fixed, jnp.int32)
-    return prior._replace(lower=prior.lower.at[index].set(0.0), upper=prior.upper.at[index].set(0.0))
+def _moved(
+    character: Character,
+    pose: Pose,
+    rows: tuple[Rows, ...],
+    landmarks: tuple[LandmarkRays, ...],
+    weight: Float[np.ndarray, "dof"],
+    settings: RegistrationSettings,
+    fixed: list[int],
+) -> Pose:
+    """The pose after three steps of least squares; `weight` pulls it back and the DoFs `fixed` stay."""
+    prior, index = free_prior(character, pose, weight), jnp.array(fixed, jnp.int32)
+    prior = prior._replace(lower=prior.lower.at[index].set(0.0), upper=prior.upper.at[index].set(0.0))
+    still = jnp.zeros(character.skeleton.num_dofs)
+    delta, _ = descend(character, pose, still, rows, landmarks, prior, settings.refiner, steps=3)
+    return retract(character.skeleton, pose, delta)
 
 
 def _mask_contours(within: float) -> ContourSettings:
@@ -74,23 +83,13 @@ def fit_to_masks(
     fixed: list[int],
 ) -> Pose:
     """Local optimisation of Gall et al. 2009: contour points to the mask outline, re-associated every round."""
+    weight = character.skeleton.per_dof(root=0.5, angles=3.0)
     for round_index in range(settings.rounds):
         contours = _mask_contours(30 if round_index < 3 else 15)
         vertices, ids, inverse = draw(character, pose, problem)
         lines = contour_lines(vertices, character.faces, ids, inverse, problem, contours)
-        prior = free_prior(character, pose, character.skeleton.per_dof(root=0.5, angles=3.0))
         rows = (Rows(lines, 0.02, 0.03 if round_index < 5 else 0.015),)
-        delta, _ = descend(
-            character,
-            pose,
-            jnp.zeros(character.skeleton.num_dofs),
-            rows,
-            landmarks,
-            _frozen(prior, fixed),
-            settings.refiner,
-            steps=3,
-        )
-        pose = retract(character.skeleton, pose, delta)
+        pose = _moved(character, pose, rows, landmarks, weight, settings, fixed)
     return pose
 
 
@@ -123,29 +122,17 @@ def fit_between_views(
     landmarks: tuple[LandmarkRays, ...],
     settings: RegistrationSettings,
     fixed: list[int],
-    extra: list[list[Source]] | None = None,
 ) -> Pose:
-    """Contours to the masks and, through the surface, every view against every other (and `extra` sources)."""
-    cameras = range(problem.num_cameras)
+    """Fit contours to the masks and, over the surface, every view to every other."""
+    cameras, weight = range(problem.num_cameras), character.skeleton.per_dof(root=0.2, angles=0.8)
     for _ in range(settings.view_flow):
         vertices, ids, inverse = draw(character, pose, problem)
         host_ids = np.asarray(ids)
         pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
         views = same_time_sources(pictures, problem, vertices, host_ids)
-        sources = [[views[n] for n in cameras if n != m] + (extra[m] if extra else []) for m in cameras]
+        sources = [[views[n] for n in cameras if n != m] for m in cameras]
         flows = surface_flow(character, vertices, ids, crops, problem, sources, FlowSettings())
         contours = contour_lines(vertices, character.faces, ids, inverse, problem, _mask_contours(12))
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
-        prior = free_prior(character, pose, character.skeleton.per_dof(root=0.2, angles=0.8))
-        delta, _ = descend(
-            character,
-            pose,
-            jnp.zeros(character.skeleton.num_dofs),
-            rows,
-            landmarks,
-            _frozen(prior, fixed),
-            settings.refiner,
-            steps=3,
-        )
-        pose = retract(character.skeleton, pose, delta)
+        pose = _moved(character, pose, rows, landmarks, weight, settings, fixed)
     return pose

@@ -10,6 +10,7 @@ from ._evidence import (
 )
 from ._gating import Gating as Gating, Retry as Retry, SearchMemory as SearchMemory
 from ._group_search import (
+    ROOT_REACH as ROOT_REACH,
     GroupSearch as GroupSearch,
     Reach as Reach,
     Stage as Stage,

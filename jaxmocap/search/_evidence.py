@@ -23,9 +23,9 @@ from jaxmocap.render import to_screen
 def covered_costs(ids: Int[Array, "camera height width"], problem: FrameProblem) -> Float[Array, "camera height width"]:
     """Eq. 6 per pixel as if every pixel were covered by its face."""
     table = problem.surface.colour_distance
-    flat = jax.numpy.maximum(ids, 0) * table.shape[2] + problem.labels
-    foreground = jax.numpy.stack([table[c].reshape(-1)[flat[c]] for c in range(problem.num_cameras)])
-    return covered_cost(foreground.astype(jax.numpy.float32), problem.background)
+    flat = jnp.maximum(ids, 0) * table.shape[2] + problem.labels
+    foreground = jnp.stack([table[c].reshape(-1)[flat[c]] for c in range(problem.num_cameras)])
+    return covered_cost(foreground.astype(jnp.float32), problem.background)
 
 
 @jax.jit
