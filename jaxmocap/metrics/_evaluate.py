@@ -11,7 +11,7 @@ from jaxmocap._results import InputError
 from jaxmocap.geometry import IDENTITY, Similarity, align_cameras, camera_residuals
 from jaxmocap.motion import Motion
 
-from ._joints import Joints, joint_errors, joint_statistics
+from ._joints import JOINTS, Joints, joint_errors, joint_statistics
 from ._markers import marker_error, marker_statistics
 from ._motion_quality import foot_skate, jitter
 from ._truth import Truth
@@ -158,8 +158,7 @@ def _caption(scores: Mapping[str, Any]) -> str:
         parts.append(f"{scores['frames_without_truth']} more without truth")
     if "joints_scored" in scores:
         parts.append(f"joints scored: {', '.join(scores['joints_scored'])}")
-    if scores.get("joints_left_out"):
-        left_out = ", ".join(f"{name} {error:.2f} cm" for name, error in scores["joints_left_out"].items())
+    if left_out := _left_out(scores.get("joints_left_out", {})):
         parts.append(f"left out of the mean: {left_out}")
     if "uncertainty_coverage" in scores:
         held = ", ".join(f"{region}: {100 * share:.0f}%" for region, share in scores["uncertainty_coverage"].items())
@@ -167,3 +166,14 @@ def _caption(scores: Mapping[str, Any]) -> str:
     if "aligned_by" in scores:
         parts.append(f"aligned by {scores['aligned_by']}")
     return "; ".join(parts)
+
+
+def _left_out(errors: Mapping[str, float]) -> str:
+    """Name the skeleton's joints with their errors in centimetres; count points on its surface and name the worst."""
+    known = {name: error for name, error in errors.items() if np.isfinite(error)}
+    surface = {name: error for name, error in known.items() if name not in JOINTS}
+    worst = max(surface, key=lambda name: surface[name], default="")
+    parts = [f"{name} {error:.2f} cm" for name, error in known.items() if name in JOINTS or len(surface) == 1]
+    if len(surface) > 1:
+        parts.append(f"{len(surface)} points on the surface, at worst {worst} {surface[worst]:.2f} cm (--json has all)")
+    return ", ".join(parts)

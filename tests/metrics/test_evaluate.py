@@ -205,6 +205,23 @@ def test_missing_and_damaged_truths_are_refused(motion, tmp_path):
         evaluate(motion, tmp_path / "array.npy")
 
 
+def test_points_on_the_surface_are_counted_in_the_caption_and_the_worst_is_named(motion, tmp_path):
+    """The pelvis is off by 6 cm, the nose by 2, a toe by 3; the other points are true."""
+    names = ("neck", "pelvis", "nose", "l_toe", "r_heel")
+    places = motion.joints[:, [motion.joint_names.index(name) for name in names]].astype(np.float64)
+    places += np.array([0, 0.06, 0.02, 0.03, 0])[:, None] * [0, 1, 0]
+    path = _write(tmp_path / "truth.npz", {"joints": places, "joint_names": np.array(names), "fps": 30})
+    scores = evaluate(motion, path)
+    assert scores["joints_left_out"] == pytest.approx(dict(zip(names[1:], (6, 2, 3, 0), strict=True)), abs=1e-3)
+    said = "left out of the mean: pelvis 6.00 cm, 3 points on the surface, at worst l_toe 3.00 cm (--json has all)"
+    text = _printed(scores)
+    assert said in text
+    assert "nose" not in text
+
+    every = _printed(evaluate(motion, path, joints="all"))
+    assert "left out of the mean: 3 points on the surface, at worst l_toe 3.00 cm" in every
+
+
 def _printed(scores):
     """The table as text, its lines joined."""
     console = Console(width=100, record=True, file=io.StringIO())
