@@ -86,7 +86,7 @@ class BodyModel:
         return arrays
 
     def _shape(self, arrays: dict[str, np.ndarray], count: int) -> np.ndarray:
-        """What the shape coefficients in the file add to the mean body."""
+        """Sum what the shape coefficients in the file add to the mean body."""
         if "betas" not in arrays:
             return np.zeros((count, 3))
         betas = arrays["betas"].astype(np.float64).ravel()

@@ -52,14 +52,14 @@ class BodyShape(eqx.Module):
         lengths: Mapping[str, float] | None = None,
         girths: Mapping[str, float] | None = None,
     ) -> "BodyShape":
-        """A shape by names; those left out are zero."""
+        """Make a shape from parameters by name; those left out are zero."""
         row = lambda names, given: jnp.asarray([(given or {}).get(name, 0.0) for name in names], jnp.float32)  # noqa: E731
         return cls(jnp.asarray(height, jnp.float32), row(LENGTHS, lengths), row(GIRTHS, girths))
 
 
 @jax.jit
 def scaled(character: Character, shape: BodyShape) -> Character:
-    """The character with other proportions: the same triangles, weights, joint axes and limits, other places.
+    """Give the character other proportions: the same triangles, weights, joint axes and limits, other places.
 
     Every body is stretched affinely about its joint, a limb along and across its own bone, so bones keep their
     directions; vertices blend these maps by their skinning weights, and the heels keep their height above the floor.
@@ -94,8 +94,10 @@ def scaled(character: Character, shape: BodyShape) -> Character:
 
 
 def bone_lengths(skeleton: Skeleton) -> dict[str, Float[Array, ""]]:
-    """Metres between joints, the mean of both sides: limbs, `shoulders` and `hips` across, `torso` between their
-    middles."""
+    """Measure bones between joints, metres, the mean of both sides.
+
+    The limbs; `shoulders` and `hips` across; `torso` from the middle of the hips to that of the shoulders.
+    """
     at = skeleton.landmark
     distance = lambda a, b: jnp.linalg.norm(at(a) - at(b))  # noqa: E731
     trunk = {
@@ -110,7 +112,7 @@ def bone_lengths(skeleton: Skeleton) -> dict[str, Float[Array, ""]]:
 
 
 def _stretch(skeleton: Skeleton, shape: BodyShape) -> Float[Array, "bone 3 3"]:
-    """What each body's stretch adds to the identity."""
+    """Compute what each body's stretch adds to the identity."""
     length: dict[str, Array] = dict(zip(LENGTHS, jnp.expm1(shape.height + shape.lengths), strict=True))
     girth: dict[str, Array] = dict(zip(GIRTHS, jnp.expm1(shape.height + shape.girths), strict=True))
     parts = []

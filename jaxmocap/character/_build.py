@@ -26,14 +26,14 @@ _STATURE = 1.75  # the height in metres that the offsets below are for
 
 
 def stature(joints: Mapping[str, np.ndarray]) -> float:
-    """Standing height in metres, estimated from the bones, in whatever rest pose."""
+    """Estimate the standing height in metres from the bones, in whatever rest pose."""
     legs = sum(np.linalg.norm(joints[a] - joints[b]) for a, b in _BONES[4:]) / 2
     trunk = np.linalg.norm(joints["neck"] - 0.5 * (joints["l_hip"] + joints["r_hip"]))
     return float(1.22 * (legs + trunk))
 
 
 def complete_joints(joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """All landmarks of the skeleton, those given and those placed; metres, rest frame."""
+    """Place the landmarks that are not given, and return all of the skeleton's; metres, rest frame."""
     places = {name: np.asarray(place, dtype=np.float64) for name, place in joints.items()}
     missing = [name for name in REQUIRED if name not in places]
     if missing:
@@ -86,7 +86,7 @@ _SLACK = np.radians(5.0)
 
 
 def build_skeleton(joints: Mapping[str, Vector], arm: Arm = "cmu7") -> Skeleton:
-    """A skeleton for any rest pose (T, A, bent elbows) from its joint positions.
+    """Build a skeleton for any rest pose (T, A, bent elbows) from its joint positions.
 
     `joints` holds positions in metres in the rest frame (x = subject's left, y up, z forward): `pelvis`, `neck`, and
     per side `l_` / `r_` `shoulder elbow wrist hip knee ankle`; `spine`, `thorax`, `l_clavicle`, `r_clavicle` and the
@@ -101,7 +101,7 @@ def build_skeleton(joints: Mapping[str, Vector], arm: Arm = "cmu7") -> Skeleton:
 
 
 def skeleton_of(table: SkeletonTable, places: Mapping[str, Vector]) -> Skeleton:
-    """The skeleton of a table whose landmarks rest at `places`, metres in the rest frame."""
+    """Build the skeleton of a table whose landmarks rest at `places`, metres in the rest frame."""
     angles, segments = rest_angles({name: places[name] for name, _ in table.landmarks})
     dofs, names = table.dofs, [body for body, _, _ in table.bodies]
     at_rest = np.array([angles.get(dof.name, 0.0) for dof in dofs])
@@ -125,7 +125,7 @@ def skeleton_of(table: SkeletonTable, places: Mapping[str, Vector]) -> Skeleton:
 
 
 def search_hints(dofs: Iterable[Dof]) -> dict[str, Any]:
-    """The fields of a `Skeleton` that tell a search how to treat these joint degrees of freedom."""
+    """Fill the fields of a `Skeleton` that tell a search how to treat these joint degrees of freedom."""
     numbered = list(enumerate(dofs, start=ROOT_DOFS))
     return {
         "dof_spread": ROOT_SPREAD + tuple(float(np.deg2rad(dof.spread)) for _, dof in numbered),
@@ -135,8 +135,11 @@ def search_hints(dofs: Iterable[Dof]) -> dict[str, Any]:
 
 
 def angles_at_rest(skeleton: Skeleton) -> Float[np.ndarray, " angle"]:
-    """The joint angles of the rest pose itself, measured from the neutral body of the table (arms straight out to the
-    sides, palms down, legs straight), radians: what is to be added to a pose's angles to compare two actors."""
+    """Measure the joint angles of the rest pose itself, radians, from the neutral body of the table.
+
+    In the neutral body the arms are straight out to the sides, the palms down and the legs straight. To compare two
+    actors, add these angles to those of each one's pose.
+    """
     places = dict(zip(skeleton.landmark_names, np.asarray(skeleton.landmarks, np.float64), strict=True))
     angles, _ = rest_angles(places)
     return np.array([angles.get(name, 0.0) for name in skeleton.angle_names])

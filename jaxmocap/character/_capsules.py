@@ -29,7 +29,7 @@ class Capsules(NamedTuple):
 
 
 def capsules(character: Character) -> Capsules:
-    """Collision radii (host): per body the median distance, over the area of the skin that it dominates, to its bone.
+    """Measure collision radii (host): per body the median distance, over the area of skin it dominates, to its bone.
 
     Half of a limb's skin lies within its radius, whatever folds a sleeve has. The bone goes from joint to joint; head,
     hands and feet, which end without one, have theirs in the middle of their skin, as long as it is. A body that
@@ -60,7 +60,7 @@ def _sided(name: str, side: str) -> str:
 
 
 def _areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """A third of the area of the faces around each vertex, square metres."""
+    """Assign to each vertex a third of the area of the faces around it, square metres."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     return np.bincount(faces.ravel(), np.repeat(third, 3), len(vertices))
@@ -77,7 +77,7 @@ def _radius(skin: np.ndarray, size: np.ndarray, a: np.ndarray, b: np.ndarray) ->
 
 
 def _around(skin: np.ndarray, size: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The capsule along a direction that reaches from one end of the skin to the other."""
+    """Fit the capsule along a direction that reaches from one end of the skin to the other."""
     way = way / max(float(np.linalg.norm(way)), 1e-9)
     centre = (size / max(size.sum(), 1e-12)) @ skin
     along = (skin - centre) @ way

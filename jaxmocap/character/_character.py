@@ -79,7 +79,7 @@ class Character(eqx.Module):
 
 
 def dominant_bodies(character: Character) -> Int[np.ndarray, "face"]:
-    """The body that moves each face most."""
+    """Find the body that moves each face most."""
     return np.asarray(character.weights)[np.asarray(character.faces)].sum(1).argmax(1)
 
 
@@ -87,8 +87,7 @@ _NEIGHBOURS = 3
 
 
 def simplify(character: Character, num_faces: int) -> tuple[Character, Int[np.ndarray, "face"]]:
-    """The character with about `num_faces` faces, and for every face of the original the nearest one of the new mesh
-    (host).
+    """Simplify a character to about `num_faces` faces and map every original face to the nearest new one (host).
 
     Quadric edge collapse (Garland and Heckbert 1997); a new vertex takes its weights from the three nearest old ones,
     by inverse distance. The skeleton is the same. A mesh that has no more faces than that is returned as it is.

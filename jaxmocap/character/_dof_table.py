@@ -149,13 +149,13 @@ LANDMARKS: tuple[tuple[str, str], ...] = (  # name, the body that carries it
 
 
 def human_table(arm: Arm = "cmu7") -> SkeletonTable:
-    """The skeleton of a person, both sides, axes in the neutral body."""
+    """Make the table of a person's skeleton: both sides, axes in the neutral body."""
     limbs = [(side, dof) for table in (ARMS[arm], _LEG) for side in "lr" for dof in table]
     return SkeletonTable(BODIES, TORSO + tuple(_on_side(side, dof) for side, dof in limbs), LANDMARKS)
 
 
 def known_dofs(names: Iterable[str]) -> tuple[Dof, ...]:
-    """The joint degrees of freedom of these names in the skeletons of persons."""
+    """Look up the joint degrees of freedom of these names in the skeletons of persons."""
     known = {dof.name: dof for arm in ARMS for dof in human_table(arm).dofs}
     return tuple(known[name] for name in names)
 

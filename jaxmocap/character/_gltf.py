@@ -45,14 +45,14 @@ class Document:
         raise InputError(f"{self.path}: {message}.")
 
     def item(self, kind: str, index: Any) -> Any:
-        """`gltf.<kind>[index]`, or an error where the file refers to something it does not hold."""
+        """Return `gltf.<kind>[index]`; fail where the file refers to something it does not hold."""
         items = getattr(self.gltf, kind) or []
         if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(items):
             self.fail(f"refers to {kind} number {index} but holds {len(items)}; the file is damaged, export it again")
         return items[index]
 
     def array(self, index: Any) -> np.ndarray:
-        """An accessor as (count, width); normalised integers become floats in [0, 1] or [-1, 1]."""
+        """Read an accessor as (count, width); normalised integers become floats in [0, 1] or [-1, 1]."""
         accessor = self.item("accessors", index)
         if accessor.sparse is not None:
             self.fail(f"accessor {index} is sparse, which is not supported; export the model without sparse accessors")
@@ -121,7 +121,7 @@ class Document:
             self.fail(f"is not well-formed glTF ({error}); export it again")
 
     def buffer(self, index: Any) -> bytes:
-        """The bytes of a buffer, from wherever they are."""
+        """Read the bytes of a buffer, from wherever they are."""
         if index not in self._buffers:
             buffer = self.item("buffers", index)
             data = self.uri(buffer.uri) if buffer.uri else self._binary
@@ -131,7 +131,7 @@ class Document:
         return self._buffers[index]
 
     def uri(self, uri: str) -> bytes:
-        """What a URI in the file stands for: data of its own, or a file beside it."""
+        """Read what a URI in the file stands for: data of its own, or a file beside it."""
         if uri.startswith("data:"):
             try:
                 return base64.b64decode(uri.partition(",")[2], validate=True)
@@ -146,7 +146,10 @@ class Document:
 
 
 def has_skin(path: Path) -> bool:
-    """Whether a glTF file binds a mesh to joints; true also for what cannot be read, which loading will complain of."""
+    """Tell whether a glTF file binds a mesh to joints.
+
+    True also for what cannot be read: loading will say what is wrong with it.
+    """
     try:
         return bool(Document(path).content.get("skins"))
     except InputError:
@@ -154,7 +157,7 @@ def has_skin(path: Path) -> bool:
 
 
 def parents_of(nodes: list[dict[str, Any]]) -> list[int]:
-    """The number of each node's parent, or -1."""
+    """List the number of each node's parent, -1 where it has none."""
     parents = [-1] * len(nodes)
     for number, node in enumerate(nodes):
         for child in node.get("children", []):
@@ -163,7 +166,7 @@ def parents_of(nodes: list[dict[str, Any]]) -> list[int]:
 
 
 def parents_first(parents: list[int]) -> list[int]:
-    """All nodes, in an order in which parents precede children."""
+    """Sort all nodes so that parents precede their children."""
     order = [node for node, parent in enumerate(parents) if parent < 0]
     for node in order:
         order.extend(child for child, parent in enumerate(parents) if parent == node)
@@ -171,7 +174,7 @@ def parents_first(parents: list[int]) -> list[int]:
 
 
 def local_matrix(node: dict[str, Any]) -> Float[np.ndarray, "4 4"]:
-    """The transform of a node in its parent."""
+    """Compute the transform of a node in its parent."""
     if node.get("matrix"):
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     matrix = np.eye(4)

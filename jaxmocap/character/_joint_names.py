@@ -26,7 +26,10 @@ _SIDES = {"l": "l", "left": "l", "lft": "l", "r": "r", "right": "r", "rgt": "r"}
 
 
 def split_side(name: str) -> tuple[str, str]:
-    """A joint's name as (side, words): `mixamorig:LeftForeArm` is `("l", "forearm")`, `spine_01` `("", "spine1")`."""
+    """Split a joint's name into (side, words).
+
+    `mixamorig:LeftForeArm` is `("l", "forearm")`, `spine_01` is `("", "spine1")`.
+    """
     base = re.split(r"[:|/]", name)[-1]
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", base)
     words = [word for word in re.split(r"[^a-z0-9]+", spaced.lower()) if word]
@@ -50,9 +53,10 @@ def _split_glued(word: str) -> list[str]:
 
 
 def roles_by_name(names: Sequence[str], parents: Sequence[int]) -> dict[str, int]:
-    """The joints recognised, as {role: joint}: `pelvis`, `neck`, `head`, `l_upper_arm`, `l_toe`, and `spine0`,
-    `spine1`, ... from the pelvis up. A role whose names are absent is absent, but a pelvis of another name is the joint
-    that both thighs hang from.
+    """Recognise joints by their names, as {role: joint}.
+
+    Roles are `pelvis`, `neck`, `head`, `l_upper_arm`, `l_toe` and the like, and `spine0`, `spine1`, ... from the pelvis
+    up. A role whose names are absent is absent, but a pelvis of another name is the joint that both thighs hang from.
     """
     split = [split_side(name) for name in names]
     depth = [_depth(joint, parents) for joint in range(len(names))]
@@ -82,7 +86,7 @@ def roles_by_name(names: Sequence[str], parents: Sequence[int]) -> dict[str, int
 
 
 def ancestors(joint: int, parents: Sequence[int]) -> list[int]:
-    """Parent, grandparent, and so on to the root."""
+    """List parent, grandparent, and so on to the root."""
     path = []
     while parents[joint] >= 0:
         joint = parents[joint]
@@ -91,7 +95,7 @@ def ancestors(joint: int, parents: Sequence[int]) -> list[int]:
 
 
 def common_ancestor(a: int, b: int, parents: Sequence[int]) -> int | None:
-    """The nearest joint above both, if any."""
+    """Find the nearest joint above both, if any."""
     above = ancestors(b, parents)
     return next((joint for joint in ancestors(a, parents) if joint in above), None)
 
@@ -99,7 +103,7 @@ def common_ancestor(a: int, b: int, parents: Sequence[int]) -> int | None:
 def _best(
     split: list[tuple[str, str]], depth: list[int], side: str, synonyms: tuple[str, ...], taken: set[int]
 ) -> int | None:
-    """The joint with the best synonym; a number after the word is allowed, and the topmost joint wins ties."""
+    """Find the joint with the best synonym; a number after the word is allowed, and the topmost joint wins ties."""
     best: tuple[int, int, int, int] | None = None
     for joint, (joint_side, words) in enumerate(split):
         if joint_side != side or joint in taken:

@@ -19,12 +19,12 @@ class _Tree(NamedTuple):
     reach: np.ndarray  # length of the longest path below each joint
 
     def length(self, child: int) -> float:
-        """Length of the longest path from the child's parent through the child."""
+        """Measure the longest path from the child's parent through the child."""
         parent = self.parents[child]
         return float(np.linalg.norm(self.places[child] - self.places[parent]) + self.reach[child])
 
     def longest_path(self, joint: int) -> list[int]:
-        """The joint and its descendants along the longest path."""
+        """Follow the longest path from a joint through its descendants, the joint included."""
         path = [joint]
         while self.children[path[-1]]:
             path.append(max(self.children[path[-1]], key=self.length))
@@ -32,7 +32,7 @@ class _Tree(NamedTuple):
 
 
 def roles_by_place(raw: RawSkin) -> dict[str, int]:
-    """The roles of `roles_by_name` read off the hierarchy; empty where it does not look like a person.
+    """Read the roles of `roles_by_name` off the hierarchy; none where it does not look like a person.
 
     The hips are the joint nearest the root with two equally long limbs; the chest is the one below it. Feet give
     forward, hence left and right.
@@ -93,7 +93,7 @@ def _tree(raw: RawSkin) -> _Tree:
 
 
 def _pair(tree: _Tree, joint: int) -> tuple[int, int] | None:
-    """The two longest limbs of equal length below a joint, of three joints or more each."""
+    """Find the two longest limbs of equal length below a joint, of three joints or more each."""
     limbs = [
         child
         for child in tree.children[joint]
@@ -111,7 +111,7 @@ def _pair(tree: _Tree, joint: int) -> tuple[int, int] | None:
 
 
 def _to_the_hand(tree: _Tree, path: list[int]) -> list[int]:
-    """An arm ends where it branches into fingers."""
+    """Cut an arm where it branches into fingers."""
     for number, joint in enumerate(path[2:], start=2):
         if len(tree.children[joint]) >= 3:
             return path[: number + 1]
@@ -119,7 +119,7 @@ def _to_the_hand(tree: _Tree, path: list[int]) -> list[int]:
 
 
 def _triple(tree: _Tree, path: list[int]) -> tuple[int, int, int] | None:
-    """The joints of a limb whose two bones are most nearly equal and make up most of it."""
+    """Choose the joints of a limb whose two bones are most nearly equal and make up most of it."""
     whole = sum(np.linalg.norm(tree.places[a] - tree.places[b]) for a, b in pairwise(path))
     best: tuple[float, tuple[int, int, int]] | None = None
     for i, upper in enumerate(path):

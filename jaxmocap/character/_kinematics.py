@@ -27,7 +27,7 @@ class Chain(NamedTuple):
 
 
 def chain(skeleton: Skeleton, pose: Pose) -> Chain:
-    """The product of exponentials of Eq. 2, `T_i = T_root exp(theta_1 xi_1) exp(theta_2 xi_2) ...`, joint by joint.
+    """Multiply the exponentials of Eq. 2, `T_i = T_root exp(theta_1 xi_1) exp(theta_2 xi_2) ...`, joint by joint.
 
     Revolute twists are exponentiated in Rodrigues' form `[R, (I - R) q]`, exact at zero. A loop, so that the many
     programs that pose a body stay small.
@@ -61,14 +61,14 @@ def chain(skeleton: Skeleton, pose: Pose) -> Chain:
 
 @jax.jit
 def body_transforms(skeleton: Skeleton, pose: Pose) -> Float[Array, "bone 4 4"]:
-    """World-from-rest transform of every body (Eq. 2); the identity at the rest pose. Metres."""
+    """Compute the world-from-rest transform of every body (Eq. 2), metres; the identity at the rest pose."""
     bodies = chain(skeleton, pose)
     return rigid(bodies.rotations, bodies.translations)
 
 
 @jax.jit
 def skin(character: Character, pose: Pose) -> Float[Array, "vertex 3"]:
-    """Linear blend skinning (Eq. 1), `v = (sum_i omega_i T_i) v0`: world positions of all vertices, metres."""
+    """Skin a mesh by linear blending (Eq. 1), `v = (sum_i omega_i T_i) v0`: world positions of all vertices, metres."""
     return blend(character.skeleton, pose, character.vertices, character.weights)
 
 
@@ -76,7 +76,7 @@ def skin(character: Character, pose: Pose) -> Float[Array, "vertex 3"]:
 def blend(
     skeleton: Skeleton, pose: Pose, points: Float[Array, "point 3"], weights: Float[Array, "point bone"]
 ) -> Float[Array, "point 3"]:
-    """Eq. 1 for any rest points with any weights.
+    """Apply Eq. 1 to any rest points with any weights.
 
     One matrix product: `sum_i omega_i T_i v0` is linear in the entries of all `T_i`, and its left factor does not
     depend on the pose, so a batch of poses shares it.
@@ -91,7 +91,7 @@ def blend(
 
 @jax.jit
 def landmark_positions(skeleton: Skeleton, pose: Pose) -> Float[Array, "landmark 3"]:
-    """World positions of the joints and other landmarks, in the order of `skeleton.landmark_names`, metres."""
+    """Place the joints and other landmarks in the world, metres, in the order of `skeleton.landmark_names`."""
     bodies = chain(skeleton, pose)
     index = _rows(skeleton.landmark_bodies)
     return _apply(bodies.rotations[index], skeleton.landmarks) + bodies.translations[index]
@@ -133,7 +133,7 @@ def _steps(parents: tuple[int, ...], dof_body: tuple[int, ...]) -> _Steps:
 def points_and_jacobian(
     skeleton: Skeleton, pose: Pose, points: Float[Array, "point 3"], weights: Float[Array, "point bone"]
 ) -> tuple[Float[Array, "point 3"], Float[Array, "point 3 dof"]]:
-    """Skinned positions (Eq. 1) and their exact derivative by the increment of `retract`, at zero.
+    """Skin points (Eq. 1) and differentiate them exactly by the increment of `retract`, at zero.
 
     Column of joint DoF j: `w'_j x u_j + s_j v'_j`, with `(v'_j, w'_j)` its twist carried to the current pose and `u_j`,
     `s_j` the sums of `omega_i T_i v0` and `omega_i` over the bodies i that j moves. Rest points (N, 3) in metres,
@@ -163,7 +163,7 @@ def points_and_jacobian(
 def taylor_skin(
     character: Character, pose: Pose, deltas: Float[Array, "particle dof"]
 ) -> Float[Array, "particle vertex 3"]:
-    """Eq. 4: vertices at many increments of one pose, linearised about it.
+    """Approximate the vertices at many increments of one pose, linearised about it (Eq. 4).
 
     The error is quadratic: below 5 mm for 2 degrees on every DoF, centimetres at 20 degrees; `vmap(skin)` is the
     exact counterpart.

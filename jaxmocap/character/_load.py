@@ -49,8 +49,10 @@ def character_from_skin(
     mapping: str | Path | Mapping[str, str] | None,
     arm: Arm,
 ) -> "Character":
-    """A skinned mesh with whatever joints, turned to the rest frame and brought to our 18 bodies; `document.fail` is
-    told what makes it unusable."""
+    """Turn a skinned mesh with whatever joints to the rest frame and bring it to our 18 bodies.
+
+    `document.fail` is told what makes it unusable.
+    """
     _check_numbers(document, raw.vertices, raw.weights, raw.faces)
     mapped = map_joints(document, raw, mapping)
     turn = rest_frame(mapped.places)
@@ -161,7 +163,7 @@ def clean_mesh(
 
 
 def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Volume enclosed by outward-facing triangles; negative where they face inwards."""
+    """Compute the volume enclosed by outward-facing triangles; negative where they face inwards."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
@@ -197,7 +199,7 @@ def _outwards(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def mesh_landmarks(
     vertices: np.ndarray, body_weights: Mapping[str, np.ndarray], places: Mapping[str, np.ndarray], height: float
 ) -> dict[str, np.ndarray]:
-    """Positions (metres, rest frame) of the landmarks the mesh shows; `body_weights` holds one column per body."""
+    """Find the landmarks the mesh shows (metres, rest frame); `body_weights` holds one column per body."""
     found = {}
     if (head := vertices[body_weights["head"] > 0.5]).size:
         found.update(_face(head, places, height))
@@ -213,7 +215,7 @@ def mesh_landmarks(
 
 
 def _face(head: np.ndarray, places: Mapping[str, np.ndarray], height: float) -> dict[str, np.ndarray]:
-    """The nose is the foremost point; ears and eyes follow at ordinary heights above it, on the surface."""
+    """Take the foremost point as the nose, and place ears and eyes at ordinary heights above it, on the surface."""
     middle = places["neck"][0]
     centre = np.abs(head[:, 0] - middle) < 0.02 * height
     upper = head[:, 1] > head[:, 1].max() - 0.12 * height

@@ -91,7 +91,7 @@ def _followed(raw: RawSkin, anchors: Mapping[str, int], given: Mapping[int, str]
 
 
 def _anchors(roles: Mapping[str, int], raw: RawSkin) -> dict[str, int]:
-    """The joint at which each body begins."""
+    """Choose the joint at which each body begins."""
     anchors = {role: joint for role, joint in roles.items() if role in BODY_NAMES}
     if "neck" in roles:
         anchors["head"] = roles["neck"]
@@ -117,7 +117,7 @@ def _missing(anchors: Mapping[str, int], parents: Sequence[int]) -> list[str]:
 
 
 def _split_trunk(places: dict[str, np.ndarray], weights: np.ndarray, vertices: np.ndarray) -> None:
-    """A trunk with one joint: the other of lumbar and thorax is placed, and weights change over across it."""
+    """Place the missing one of lumbar and thorax in a trunk with one joint; weights change over across it."""
     low = 0.5 * (places["l_hip"] + places["r_hip"])
     axis = places["neck"] - low
     length = np.linalg.norm(axis)
@@ -149,7 +149,7 @@ def _topmost(given: Mapping[int, str], raw: RawSkin) -> dict[str, int]:
 
 
 def _read_mapping(document: Source, raw: RawSkin, mapping: str | Path | Mapping[str, str] | None) -> dict[int, str]:
-    """A mapping as {file joint: body}."""
+    """Read a mapping as {file joint: body}."""
     if mapping is None:
         return {}
     where = "the mapping" if isinstance(mapping, Mapping) else str(mapping)
@@ -179,7 +179,7 @@ def _read_table(path: Path) -> Mapping[str, str]:
 
 
 def _saved_landmarks(raw: RawSkin) -> dict[str, np.ndarray] | None:
-    """The landmarks `save_glb` left in the file, if the joints still stand where it put them."""
+    """Read the landmarks `save_glb` left in the file, if the joints still stand where it put them."""
     saved = raw.extras.get("jaxmocap_landmarks") if isinstance(raw.extras, dict) else None
     if not isinstance(saved, dict) or set(saved) != {name for name, _ in LANDMARKS}:
         return None

@@ -30,13 +30,13 @@ class Pose(eqx.Module):
 
 
 def rest_pose(skeleton: Skeleton) -> Pose:
-    """The pose the mesh was made in: identity root, zero angles."""
+    """Make the pose the mesh was made in: identity root, zero angles."""
     dtype = skeleton.axes.dtype
     return Pose(root=jnp.asarray(np.eye(4), dtype), angles=jnp.zeros(skeleton.num_angles, dtype))
 
 
 def pelvis_position(skeleton: Skeleton, pose: Pose) -> Float[Array, "3"]:
-    """World position of the pelvis, metres."""
+    """Compute the world position of the pelvis, metres."""
     return jnp.sum(pose.root[:3, :3] * skeleton.pelvis, axis=-1) + pose.root[:3, 3]
 
 
@@ -56,35 +56,35 @@ def retract(skeleton: Skeleton, pose: Pose, delta: Float[Array, " dof"]) -> Pose
 
 
 def retract_root_twist(pose: Pose, delta: Float[Array, " dof"]) -> Pose:
-    """Eq. 2 to the letter: the root moves by the world twist `delta[0:6] = (v, w)` about the world origin."""
+    """Move the root by the world twist `delta[0:6] = (v, w)` about the world origin: Eq. 2 to the letter."""
     return Pose(root=matmul(se3_exp(delta[:ROOT_DOFS]), pose.root), angles=pose.angles + delta[ROOT_DOFS:])
 
 
 @jax.jit
 def difference(skeleton: Skeleton, a: Pose, b: Pose) -> Float[Array, " dof"]:
-    """The increment from `a` to `b`: `retract(skeleton, a, difference(skeleton, a, b))` is `b`."""
+    """Compute the increment from `a` to `b`: `retract(skeleton, a, difference(skeleton, a, b))` is `b`."""
     translation = pelvis_position(skeleton, b) - pelvis_position(skeleton, a)
     rotation = so3_log(matmul(b.root[:3, :3], a.root[:3, :3].T))
     return jnp.concatenate([translation, rotation, b.angles - a.angles])
 
 
 def pose_vector(skeleton: Skeleton, pose: Pose) -> Float[Array, " dof"]:
-    """A pose as one number per degree of freedom: its increment from the rest pose."""
+    """Write a pose as one number per degree of freedom: its increment from the rest pose."""
     return difference(skeleton, rest_pose(skeleton), pose)
 
 
 def pose_from_vector(skeleton: Skeleton, vector: Float[Array, " dof"]) -> Pose:
-    """The pose of such numbers; the inverse of `pose_vector`."""
+    """Build the pose from such numbers; the inverse of `pose_vector`."""
     return retract(skeleton, rest_pose(skeleton), vector)
 
 
 def clamp(skeleton: Skeleton, pose: Pose) -> Pose:
-    """The pose with its joint angles clipped to the skeleton's limits; the root is free."""
+    """Clip a pose's joint angles to the skeleton's limits; the root is free."""
     return Pose(root=pose.root, angles=jnp.clip(pose.angles, skeleton.lower, skeleton.upper))
 
 
 def with_limb(pose: Pose, limb: Pose, dofs: tuple[int, ...], share: float = 1.0) -> Pose:
-    """A pose whose angles `dofs` are moved by a share of the way to those of another one."""
+    """Move the angles `dofs` of a pose a share of the way to those of another one."""
     index = jnp.array(dofs) - ROOT_DOFS
     here = pose.angles[index]
     return Pose(pose.root, pose.angles.at[index].set(here + share * (limb.angles[index] - here)))
@@ -94,7 +94,7 @@ _RIGHT_ANGLE = 1e-3
 
 
 def ball_joints(skeleton: Skeleton) -> list[tuple[slice, float]]:
-    """The angles of each ball joint, and `2 c` (host)."""
+    """List the angles of each ball joint, and `2 c` (host)."""
     axes, origins = np.asarray(skeleton.axes, np.float64), np.asarray(skeleton.origins)
     found = []
     for first in range(skeleton.num_angles - 2):
@@ -110,14 +110,16 @@ def ball_joints(skeleton: Skeleton) -> list[tuple[slice, float]]:
 def equivalent_angles(
     angles: Float[np.ndarray, "3"], twice: float, lower: Float[np.ndarray, "3"], upper: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "3"]:
-    """The other angles of the same rotation, by whole turns as near to the middle of the limits as can be."""
+    """Find the other angles of the same rotation, by whole turns as near to the middle of the limits as can be."""
     other = np.array([angles[0] + math.pi, twice - angles[1], angles[2] + math.pi])
     return other - 2 * math.pi * np.round((other - 0.5 * (lower + upper)) / (2 * math.pi))
 
 
 def away_from_limits(skeleton: Skeleton, pose: Pose, gain: float = math.radians(10.0)) -> Pose:
-    """The same pose, each ball joint by those of its two sets of angles that are farther from the joint limits; the
-    set changes only when that wins `gain` radians (host)."""
+    """Write each ball joint by those of its two sets of angles that are farther from the joint limits (host).
+
+    The pose stays the same; the set changes only where that wins `gain` radians.
+    """
     angles = np.array(pose.angles)
     for place, twice in ball_joints(skeleton):
         lower, upper = (np.asarray(limit)[place] for limit in (skeleton.lower, skeleton.upper))
@@ -129,7 +131,7 @@ def away_from_limits(skeleton: Skeleton, pose: Pose, gain: float = math.radians(
 
 
 def nearest_equivalent(skeleton: Skeleton, pose: Pose, target: Pose) -> Pose:
-    """The same pose, each ball joint by those angles that are nearer to the ones of `target` (host)."""
+    """Write each ball joint by those angles that are nearer to the ones of `target` (host); the pose stays the same."""
     angles, wanted = np.array(pose.angles), np.asarray(target.angles)
     for place, twice in ball_joints(skeleton):
         other = equivalent_angles(angles[place], twice, wanted[place], wanted[place])

@@ -25,7 +25,7 @@ class RawSkin(NamedTuple):
 
 
 def read_skin(document: Document) -> RawSkin:
-    """The skin with the most vertices, all its primitives merged; raises `InputError` where there is none."""
+    """Read the skin with the most vertices, all its primitives merged; raise `InputError` where there is none."""
     gltf = document.gltf
     if not gltf.meshes:
         document.fail("holds no mesh; a skinned mesh of a person is needed")
@@ -162,7 +162,7 @@ def _hierarchy(document: Document) -> tuple[list[int], np.ndarray]:
 
 
 def _displayed(joint_worlds: np.ndarray, inverse_binds: np.ndarray) -> np.ndarray:
-    """The transform from mesh space to metres.
+    """Find the transform from mesh space to metres.
 
     When the nodes stand in the bind pose, `joint @ inverse_bind` is the same for all joints and is that transform.
     When they stand in another pose, only its scale is taken: the mesh stays in its bind pose.

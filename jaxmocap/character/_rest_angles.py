@@ -21,7 +21,7 @@ Frames = dict[str, np.ndarray]
 
 
 def rest_angles(places: Mapping[str, np.ndarray]) -> tuple[dict[str, float], Frames]:
-    """Angles (radians) of the rest pose by DoF name, and the rotation, neutral to rest, before each DoF.
+    """Measure the rest pose's angles (radians) by DoF name, and the rotation, neutral to rest, before each DoF.
 
     Names absent from the result are zero angles and identity rotations, those of limbs without places among them.
     """
@@ -117,7 +117,7 @@ def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
 
 
 def _align(frame: np.ndarray, axis: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """The frame turned by the smallest rotation that makes its `axis` point along `direction`."""
+    """Turn a frame by the smallest rotation that makes its `axis` point along `direction`."""
     current = frame @ axis
     normal = np.cross(current, direction)
     size = np.linalg.norm(normal)

@@ -34,7 +34,7 @@ class Rig(NamedTuple):
 
 
 def read_rig(document: Document, mapping: str | Path | Mapping[str, str] | None = None) -> tuple[RawSkin, Rig]:
-    """The skin that `Character.load` reads, and its rig. Raises `InputError` as that does."""
+    """Read the skin that `Character.load` reads, and its rig. Raises `InputError` as that does."""
     raw = read_skin(document)
     return raw, rig_of(document, raw, raw.place @ np.linalg.inv(raw.inverse_binds), mapping)
 
@@ -45,7 +45,7 @@ def rig_of(
     file_from_joint: Float[np.ndarray, "joint 4 4"],
     mapping: str | Path | Mapping[str, str] | None = None,
 ) -> Rig:
-    """The rig of joints that rest at `file_from_joint`, metres."""
+    """Build the rig of joints that rest at `file_from_joint`, metres."""
     mapped = map_joints(source, raw, mapping)
     turn = rest_frame(mapped.places)
     rest_from_file = np.eye(4)
@@ -55,8 +55,9 @@ def rig_of(
 
 
 def rest_frame(places: dict[str, np.ndarray], near: float = 20.0) -> np.ndarray:
-    """Rotation (3, 3), rest frame from file frame, from joint positions; an exact quarter turn where one is within
-    `near` degrees.
+    """Find the rotation (3, 3) from the file's frame to the rest frame by the joint positions.
+
+    It is an exact quarter turn where one is within `near` degrees.
 
     Up is from the ankles to the neck, left from the right hip and shoulder to the left ones.
     """

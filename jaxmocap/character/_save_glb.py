@@ -31,7 +31,7 @@ class GlbBuffer:
         self.accessors: list[dict[str, Any]] = list(content.get("accessors", []))
 
     def add(self, array: np.ndarray, bounds: bool = False) -> int:
-        """The number of a new accessor for `array (count, width)`; `bounds` gives its least and greatest values."""
+        """Add an accessor for `array (count, width)`, with least and greatest values if `bounds`; return its number."""
         accessor: dict[str, Any] = {
             "bufferView": len(self.views),
             "componentType": _TYPES[array.dtype],
@@ -47,12 +47,12 @@ class GlbBuffer:
         return len(self.accessors) - 1
 
     def tables(self) -> dict[str, Any]:
-        """`accessors`, `bufferViews` and `buffers` of the document."""
+        """Return `accessors`, `bufferViews` and `buffers` of the document."""
         return {"accessors": self.accessors, "bufferViews": self.views, "buffers": [{"byteLength": len(self.data)}]}
 
 
 def glb_bytes(document: Mapping[str, Any], binary: bytes) -> bytes:
-    """The file of a document and its buffer."""
+    """Pack a document and its buffer into the bytes of one file."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     length = 12 + 8 + len(text) + 8 + len(binary)
@@ -62,7 +62,7 @@ def glb_bytes(document: Mapping[str, Any], binary: bytes) -> bytes:
 
 
 def save_glb(character: "Character", path: Path) -> Path:
-    """One mesh, one skin of a joint per body standing at rest, as many sets of four weights as the mesh needs.
+    """Write one mesh and one skin, a joint per body standing at rest, as many sets of four weights as the mesh needs.
 
     Landmarks, the joints' exact places and a capsule per bone go into the skin's `extras`, which other programs ignore.
     """

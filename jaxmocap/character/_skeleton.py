@@ -14,7 +14,7 @@ SIDES = {"l_": "left", "r_": "right"}
 
 
 def is_limb(group: str) -> bool:
-    """Whether a group of degrees of freedom, by its name, belongs to one side of the body: an arm or a leg."""
+    """Tell by its name whether a group of degrees of freedom belongs to one side of the body: an arm or a leg."""
     return group[:2] in SIDES
 
 
@@ -111,38 +111,41 @@ class Skeleton(eqx.Module):
         return np.array(self.dof_spread)
 
     def kind(self, group: str) -> str:
-        """The name of a group without its side, such as "arm": groups of one kind share compiled shapes."""
+        """Return the name of a group without its side, such as "arm": groups of one kind share compiled shapes."""
         return group[2:] if is_limb(group) else group
 
     def group(self, name: str) -> tuple[int, ...]:
-        """Indices of the degrees of freedom of a group such as `l_arm`."""
+        """List the degrees of freedom of a group such as `l_arm`, as indices."""
         return dict(self.groups)[name]
 
     def distal_dofs(self, group: str) -> tuple[int, ...]:
-        """Those of a limb that leave its upper arm or thigh where it is."""
+        """List those of a limb's degrees of freedom that leave its upper arm or thigh where it is."""
         return tuple(dof for dof in self.group(group) if dof in self.distal)
 
     def landmark(self, name: str) -> Float[Array, "3"]:
-        """Rest position of a landmark such as `l_elbow`."""
+        """Return the rest position of a landmark such as `l_elbow`, metres."""
         return self.landmarks[self.landmark_names.index(name)]
 
     def per_dof(self, root: float, angles: float) -> Float[np.ndarray, "dof"]:
-        """One number for every degree of freedom of the root and another for every joint angle."""
+        """Repeat one number for every degree of freedom of the root and another for every joint angle."""
         return np.repeat(np.array([root, angles], np.float32), [ROOT_DOFS, self.num_angles])
 
     def moved_by(self) -> Bool[np.ndarray, "angle bone"]:
-        """Which bodies each joint angle moves: the body it is attached to and all its descendants."""
+        """Mark which bodies each joint angle moves: the body it is attached to and all its descendants."""
         return _moved_by(self.parents, self.dof_body)
 
     def bodies_moved_by(self, dofs: tuple[int, ...]) -> Bool[np.ndarray, "bone"]:
-        """The bodies that any of some degrees of freedom moves; one of the root moves all."""
+        """Mark the bodies that any of some degrees of freedom moves; one of the root moves all."""
         if min(dofs) < ROOT_DOFS:
             return np.ones(len(self.body_names), bool)
         return np.asarray(self.moved_by()[np.array(dofs) - ROOT_DOFS].any(0))
 
     def bodies_of(self, group: str, distal: bool = False) -> Bool[np.ndarray, "bone"]:
-        """The bodies that a group moves; with `distal` those beyond its elbow or knee: bodies that its distal degrees
-        of freedom move and no other one of its own turns. Those of the whole group, if it has none."""
+        """Mark the bodies that a group moves; with `distal` only those beyond its elbow or knee.
+
+        Those are the bodies that its distal degrees of freedom move and no other one of its own turns; those of the
+        whole group, if it has none.
+        """
         dofs, beyond = self.group(group), self.distal_dofs(group)
         if not (distal and beyond):
             return self.bodies_moved_by(dofs)

@@ -28,9 +28,10 @@ class Anny:
 
 
 def anny_skin(parameters: Mapping[str, float], height: float | None) -> RawSkin:
-    """The rest pose of the body with some of Anny's own `parameters` (gender, age, muscle, weight, height, proportions,
-    each 0 to 1, 0.5 where not given; a man is gender 0, a young adult age 0.67), or with its parameter `height` such
-    that it stands `height` metres tall.
+    """Make the rest pose of the body from some of Anny's own `parameters`, or standing `height` metres tall.
+
+    The parameters are gender, age, muscle, weight, height and proportions, each 0 to 1, 0.5 where not given; a man is
+    gender 0, a young adult age 0.67. With `height` in metres, Anny's parameter of that name is chosen to match.
 
     Raises `InputError` where the package is missing, for other parameters, and for a height that they do not reach.
     """

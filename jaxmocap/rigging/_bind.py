@@ -30,8 +30,11 @@ def bind(
     places: Mapping[str, np.ndarray],
     laid: Float[np.ndarray, "skin 3"],
 ) -> Character:
-    """The character of a clean mesh in the rest frame (metres), with joints and landmarks at `places` and the
-    template's skin `laid` into it: weights by bone heat, wider where joints would turn the skin inside out."""
+    """Bind a clean mesh in the rest frame (metres) to a skeleton and return the character.
+
+    Joints and landmarks are at `places`, and the template's skin is `laid` into the mesh. Weights are by bone heat,
+    wider where joints would turn the skin inside out.
+    """
     joints = {joint: places[joint] for joint in (*REQUIRED, *_ALL_ELSE)}
     few, their_faces = vertices, faces
     if len(faces) > _PRECISE:
@@ -69,7 +72,7 @@ def widened(
     places: Mapping[str, np.ndarray],
     skeleton: Skeleton,
 ) -> Float[np.ndarray, "vertex bone"]:
-    """Skinning weights blurred around the triangles that turn inside out at a joint's limits; metres, rest frame.
+    """Blur skinning weights around the triangles that turn inside out at a joint's limits; metres, rest frame.
 
     Bone heat blends two bones over a width that depends on how near they are, not on how far they may turn. Each round
     blurs more where it is still needed; the round is taken in which the worst limit turns the fewest triangles, and of
@@ -96,7 +99,7 @@ def widened(
 def evened(
     vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], weights: Float[np.ndarray, "vertex bone"]
 ) -> Float[np.ndarray, "vertex bone"]:
-    """Weights that were carried over from another mesh, without the steps between what came from here and there."""
+    """Smooth weights carried over from another mesh: no steps are left between what came from here and from there."""
     return fewest(_blur(vertices, faces, _FINE)(weights))
 
 
@@ -117,7 +120,7 @@ class RangeOfMotion(NamedTuple):
 
     @classmethod
     def of(cls, skeleton: Skeleton) -> "RangeOfMotion":
-        """Both limits of every joint angle of a skeleton."""
+        """Collect both limits of every joint angle of a skeleton."""
         angles = jnp.concatenate([jnp.diag(skeleton.lower), jnp.diag(skeleton.upper)])
         there = jax.vmap(lambda row: body_transforms(skeleton, Pose(jnp.eye(4), row)))(angles)
         return cls(np.asarray(there[:, :, :3, :3], np.float64), np.asarray(there[:, :, :3, 3], np.float64))
@@ -128,7 +131,7 @@ class RangeOfMotion(NamedTuple):
         faces: Int[np.ndarray, "face 3"],
         weights: Float[np.ndarray, "vertex bone"],
     ) -> Bool[np.ndarray, "limit face"]:
-        """Which triangles face away from where their own bones turn them."""
+        """Mark the triangles that face away from where their own bones turn them."""
         normals, of_face = _normals(vertices, faces), weights[faces].mean(axis=1)
         upright = (of_face[:, :, None] * normals[:, None, :]).reshape(len(faces), -1)
         points = (weights[:, :, None] * vertices[:, None, :]).reshape(len(vertices), -1)
@@ -141,7 +144,7 @@ class RangeOfMotion(NamedTuple):
 
 
 def turned_out(character: Character) -> float:
-    """The largest share of a character's triangles that turn inside out at any limit of any joint: 0 to 1.
+    """Measure the largest share of a character's triangles that turn inside out at any limit of any joint: 0 to 1.
 
     Linear blend skinning (Eq. 1) folds the skin of an armpit or groin where the blend is too narrow.
     """

@@ -31,7 +31,7 @@ def body(
     assets: str | Path | None = None,
     num_faces: int = 5000,
 ) -> Character:
-    """A body in an A-pose, a start for `fit_character`, or an actor as it is.
+    """Make a body in an A-pose, a start for `fit_character`, or an actor as it is.
 
     It is `height` metres tall whatever its proportions. `lengths` and `girths` are factors by name (`LENGTHS`, `GIRTHS`
     of `jaxmocap.character`), such as `lengths={"thigh": 1.05}, girths={"torso": 1.2}`.

@@ -51,7 +51,7 @@ class Embedding(NamedTuple):
     front_margin: float
 
     def uncovered(self, least: float) -> list[str]:
-        """Bodies of whose skin less than this share lies near the surface."""
+        """Name the bodies of whose skin less than this share lies near the surface."""
         return [body for body, share in self.covered.items() if share < least]
 
 
@@ -120,7 +120,7 @@ def _seen(points: Points, guess: Guess, count: int) -> Points:
 
 
 def _more_places(places: dict[str, np.ndarray], laid: np.ndarray) -> dict[str, np.ndarray]:
-    """Ends of bones that the skeleton has no landmark for."""
+    """Place the ends of bones that the skeleton has no landmark for."""
     weights, names = np.asarray(template().weights), [body for body, _, _ in BODIES]
     more = {}
     for side in "lr":
@@ -136,8 +136,11 @@ def _more_places(places: dict[str, np.ndarray], laid: np.ndarray) -> dict[str, n
 
 
 def _apart(body: Body, target: Points) -> tuple[float, dict[str, float]]:
-    """The median distance from the body's skin to the surface, unlike normals counted in, and the share of each part's
-    skin that lies near it."""
+    """Measure how far the body's skin is from the surface.
+
+    Returns the median distance, unlike normals counted in, and the share of each part's skin that lies near the
+    surface.
+    """
     vertices, _ = surface(body)
     normals = vertex_normals(vertices, np.asarray(template().faces))
     apart, _ = KDTree(target.keys()).query(Points(vertices, normals).keys())
@@ -163,7 +166,7 @@ _REACH = 0.07  # metres around a joint whose surface tells where it is
 
 
 def bent_landmarks(target: Points, body: Body) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "vertex 3"]]:
-    """Joints and landmarks of the body after its surface has been bent to the target, and that surface.
+    """Bend the body's surface to the target; return the joints and landmarks after that, and the bent surface.
 
     Displacements are as smooth over the template as the points allow. A joint moves by the mean displacement of the
     skin around it, so that it stays in the middle of its limb.

@@ -32,7 +32,7 @@ class Pin(NamedTuple):
     doubted: bool = False
 
     def seen(self, matrix: Float[np.ndarray, "4 4"]) -> "Pin":
-        """The pin after a similarity; one that is not doubted has its centimetre there."""
+        """Move the pin by a similarity; one that is not doubted has its centimetre there."""
         linear = matrix[:3, :3]
         place = linear @ self.place + matrix[:3, 3]
         if not self.doubted:
@@ -50,7 +50,7 @@ class Missed(NamedTuple):
 
 
 def exact(place: Float[np.ndarray, "3"]) -> Pin:
-    """A joint placed by hand."""
+    """Pin a joint that was placed by hand."""
     return Pin(place, np.eye(3) / _EXACT**2)
 
 
@@ -61,8 +61,10 @@ def missed(
     scale: float,
     size: int,
 ) -> Missed:
-    """Of joints at `places` with derivatives `slopes` by a step of `size` numbers. `scale` is the distance in metres
-    beyond which a pair of points is left out in the same step (Geman and McClure)."""
+    """Sum up how far joints at `places` miss their pins, with derivatives `slopes` by a step of `size` numbers.
+
+    `scale` is the distance in metres beyond which a pair of points is left out in the same step (Geman and McClure).
+    """
     energy, hessian, gradient = 0.0, np.zeros((size, size)), np.zeros(size)
     for name, pin in pins.items():
         off, slope = places[name] - pin.place, slopes[name]
@@ -93,7 +95,7 @@ class Points(NamedTuple):
     normals: Float[np.ndarray, "point 3"]
 
     def keys(self) -> np.ndarray:
-        """Places and scaled normals side by side, whose distances tell which points belong together."""
+        """Stack places and scaled normals side by side; distances between rows tell which points belong together."""
         return np.hstack([self.places, _NORMALS * self.normals])
 
 
@@ -149,7 +151,7 @@ class _Pairs(NamedTuple):
     energy: float
 
     def normal_equations(self, jacobian: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Hessian (58, 58) and gradient of the weighted squares, across and along the surface."""
+        """Build Hessian (58, 58) and gradient of the weighted squares, across and along the surface."""
         metric = self.weight[:, None, None] * (
             self.normal[:, :, None] * self.normal[:, None, :] + _ALONG**2 * np.eye(3)
         )
@@ -184,7 +186,7 @@ def _numbers(body: Body) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _deviations() -> np.ndarray:
-    """Standard deviation of each of the 58 numbers; those of the root are free."""
+    """List the standard deviation of each of the 58 numbers; those of the root are free."""
     known = {f"{side}_{name}": value for side in "lr" for name, value in (_LOOSE | _LEGS).items()}
     angles = [known.get(name, _STIFF) for name in template().skeleton.angle_names]
     shape = [_HEIGHT, *(_LENGTH for _ in LENGTHS), *(_GIRTH for _ in GIRTHS)]
@@ -193,7 +195,7 @@ def _deviations() -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _symmetry() -> np.ndarray:
-    """The quadratic form that adds up squared differences between the joint angles of left and right."""
+    """Build the quadratic form that adds up squared differences between the joint angles of left and right."""
     skeleton = template().skeleton
     rows = np.zeros((skeleton.num_dofs, len(_deviations())))
     for kind in ("arm", "leg"):
@@ -214,7 +216,7 @@ def _room(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bounded(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The minimum of a quadratic in a box, nearly: what leaves the box is set to its edge and the rest solved again."""
+    """Minimise a quadratic in a box, nearly: what leaves the box is set to its edge and the rest solved again."""
     step, free = np.zeros(len(gradient)), np.ones(len(gradient), bool)
     for _ in range(8):
         rest = gradient - hessian @ np.where(free, 0.0, step)
@@ -231,7 +233,7 @@ _COUNT = 4000
 
 
 def samples(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Points:
-    """Points spread evenly over the surface, in random order but always the same."""
+    """Spread points evenly over the surface, in random order but always the same."""
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     places, face = trimesh.sample.sample_surface(mesh, _COUNT, seed=0)[:2]
     corners = vertices[faces[face]]

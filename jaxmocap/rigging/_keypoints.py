@@ -39,7 +39,7 @@ class Hints(NamedTuple):
 
 
 def read_hints(path: str | Path, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Hints:
-    """The hints in OpenPose BODY_25 files beside the cameras of the pictures of a repaired mesh.
+    """Read hints from OpenPose BODY_25 files beside the cameras of the pictures of a repaired mesh.
 
     `path` is the folder, whose files are named after the pictures (`front_keypoints.json`), or one such file. Raises
     `InputError` for what is missing or damaged, and for keypoints of other pictures than those of this mesh.
@@ -68,8 +68,10 @@ def read_hints(path: str | Path, vertices: Float[np.ndarray, "vertex 3"], faces:
 def report_on(
     hints: Hints, places: Mapping[str, Float[np.ndarray, "3"]], rest_from_file: Float[np.ndarray, "4 4"]
 ) -> dict[str, Any]:
-    """For the report: the pictures, and how far each of the joints at `places` (metres, rest frame) is from where the
-    keypoints have it, centimetres."""
+    """Report the pictures, and how far the joints are from where the keypoints have them, centimetres.
+
+    `places` holds the joints in metres in the rest frame.
+    """
     off = {}
     for name, pin in hints.pins.items():
         if name in places:

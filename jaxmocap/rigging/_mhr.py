@@ -44,8 +44,11 @@ class Mhr:
         raise InputError(f"{self.path}: MHR {message}.")
 
     def skin(self, parameters: Mapping[str, float]) -> RawSkin:
-        """The rest pose with `parameters` "shape0" to "shape44", standard deviations from the mean (20 of the body, 20
-        of the head, 5 of the hands). Joints do not move with them, as in MHR. Raises `InputError`."""
+        """Make the rest pose with `parameters` "shape0" to "shape44", standard deviations from the mean.
+
+        20 are of the body, 20 of the head and 5 of the hands. Joints do not move with them, as in MHR. Raises
+        `InputError`.
+        """
         rig, mesh = self._arrays("rig.npz", _RIG), self._arrays(self._mesh, _MESH)
         names = tuple(str(name) for name in rig["joint_names"])
         vertices, faces = mesh["base_shape"].astype(np.float64), mesh["faces"].astype(np.int64)

@@ -29,7 +29,7 @@ class Guess(NamedTuple):
 def guesses(
     points: Points, up: Float[np.ndarray, "3"] | None = None, front: Float[np.ndarray, "3"] | None = None
 ) -> list[Guess]:
-    """Rotations that make a person of a surface (in any units), the likeliest first.
+    """Guess rotations that make a person of a surface (in any units), the likeliest first.
 
     Tried are the right-handed frames along the surface's principal axes and those along the file's axes; `up` and
     `front` (unit vectors in the file's axes) leave only those that agree with them within 45 degrees, and if both are
@@ -72,7 +72,7 @@ def _distance(a: Points, b: Points) -> float:
 
 
 def _given_frame(up: np.ndarray | None, front: np.ndarray | None) -> list[np.ndarray]:
-    """The rotation whose rows are left, up and front, if both are given and not along one line."""
+    """Build the rotation whose rows are left, up and front, if both are given and not along one line."""
     if up is None or front is None or abs(up @ front) > 0.7:
         return []
     forward = front - (front @ up) * up

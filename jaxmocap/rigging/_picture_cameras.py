@@ -22,14 +22,14 @@ _DISTANCE, _FILLED = 3.0, 0.85  # of the mesh's largest extent; of the picture
 
 
 def metres_per_unit_of(vertices: Float[np.ndarray, "vertex 3"]) -> float:
-    """The scale at which a mesh is as large as the template, in whatever units it is: only ratios are known yet."""
+    """Find the scale at which a mesh, in whatever units, is as large as the template: only ratios are known yet."""
     return HEIGHT / max(float(np.ptp(vertices, axis=0).max()), 1e-12)
 
 
 def mesh_for_pictures(
     mesh: str | Path | Mesh, up: str | None, front: str | None
 ) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"], Cameras]:
-    """A mesh as `rig` takes it, repaired, and the cameras to draw it with; `up` and `front` are axes of the file."""
+    """Repair a mesh as `rig` takes it, and place cameras to draw it with; `up` and `front` are axes of the file."""
     directions = named_axis("up", up), named_axis("front", front)
     vertices, faces = read_mesh(Path(mesh)) if isinstance(mesh, str | Path) else mesh
     clean = repaired(str(mesh) if isinstance(mesh, str | Path) else "the mesh", vertices, faces, _TRIANGLES)
@@ -42,7 +42,7 @@ def picture_cameras(
     up: Float[np.ndarray, "3"] | None = None,
     front: Float[np.ndarray, "3"] | None = None,
 ) -> Cameras:
-    """Three cameras (`VIEWS`) at the height of the middle of a repaired mesh, in its own units and axes.
+    """Place three cameras (`VIEWS`) at the height of the middle of a repaired mesh, in its own units and axes.
 
     What is up and where the front is, is guessed; `up` and `front` (unit vectors in the file's axes) decide. Raises
     `InputError` where nothing in the mesh stands.
@@ -80,7 +80,7 @@ def _turn(vertices: np.ndarray, faces: np.ndarray, up: np.ndarray | None, front:
 
 
 def _pose(turn: np.ndarray, middle: np.ndarray, distance: float, angle: float) -> np.ndarray:
-    """The camera from the file's axes: level, turned by `angle` to the person's left."""
+    """Place a camera in the file's axes: level, turned by `angle` to the person's left."""
     outwards = np.array([np.sin(angle), 0.0, np.cos(angle)])
     down = np.array([0.0, -1.0, 0.0])
     rotation = np.stack([np.cross(down, -outwards), down, -outwards])

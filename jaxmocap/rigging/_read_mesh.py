@@ -17,7 +17,7 @@ SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 
 
 def read_mesh(path: Path) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
-    """All triangles of a file, in its own units and axes, its parts where the scene puts them. Skins are not looked at.
+    """Read all triangles of a file, in its own units and axes, its parts where the scene puts them; skins are ignored.
 
     Raises `InputError` for a file that is not there, of no known form, damaged, or without triangles.
     """
@@ -47,8 +47,11 @@ ADULT, _ANYBODY = (1.3, 2.2), (0.3, 3.0)
 
 
 def metres_per_unit(label: str, tall: float, height: float | None, units: str | None) -> tuple[float, str]:
-    """The scale of a person who is `tall` in the file's units, and its name: from the `height` in metres, from `units`,
-    or from what makes an adult. Raises `InputError` where none of that gives a person."""
+    """Choose the scale of a person who is `tall` in the file's units, and name it.
+
+    It comes from the `height` in metres, from `units`, or from what makes an adult. Raises `InputError` where none of
+    that gives a person.
+    """
     if height is not None:
         if not _ANYBODY[0] <= height <= _ANYBODY[1]:
             raise InputError(f"height is {height:g} m; {_ANYBODY[0]} to {_ANYBODY[1]} m was expected.")
@@ -82,8 +85,11 @@ _TILT = 8.0  # degrees by which bones may miss an axis of the file that they mea
 
 
 def upright(places: Mapping[str, np.ndarray]) -> Float[np.ndarray, "3 3"]:
-    """Rotation from the file's axes to the rest frame's, from joints: up is the axis of the file that is near, if any,
-    and so is left, if up is; a scan may face in any direction, or hang in space."""
+    """Find the rotation from the file's axes to the rest frame's by the joints.
+
+    Up is the axis of the file that is near, if any, and so is left, if up is; a scan may face in any direction, or hang
+    in space.
+    """
     left, up, _ = rest_frame(dict(places), near=0.0)
     vertical = _snapped(up)
     left = left - (left @ vertical) * vertical
@@ -99,7 +105,7 @@ def _snapped(direction: np.ndarray) -> np.ndarray:
 
 
 def named_axis(option: str, axis: str | None) -> Float[np.ndarray, "3"] | None:
-    """The direction that an option names, such as "-y"; None for None."""
+    """Return the direction that an option names, such as "-y"; None for None."""
     if axis is None:
         return None
     if axis not in AXES:
@@ -108,7 +114,7 @@ def named_axis(option: str, axis: str | None) -> Float[np.ndarray, "3"] | None:
 
 
 def axis_name(direction: np.ndarray) -> str:
-    """ "z" or "-y" for a direction along an axis of the file, else its three numbers."""
+    """Name a direction along an axis of the file "z" or "-y"; write any other as its three numbers."""
     unit = direction / np.linalg.norm(direction)
     for name, axis in AXES.items():
         if unit @ axis > 1 - 1e-6:

@@ -58,7 +58,7 @@ def repair(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face
 def repaired(
     label: str, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], num_faces: int
 ) -> Repair:
-    """`repair`, whose errors begin with the mesh's `label`."""
+    """Run `repair` with errors that begin with the mesh's `label`."""
     try:
         return repair(vertices, faces, num_faces)
     except InputError as error:
@@ -161,7 +161,7 @@ def _sound(vertices: np.ndarray, faces: np.ndarray, done: list[str]) -> tuple[np
 
 
 def _manifold(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The smallest faces on edges of three or five go, until there are none; four are two sheets that touch."""
+    """Remove the smallest faces on edges of three or five until there are none; four are two sheets that touch."""
     for _ in range(10):
         area = _areas(vertices, faces)
         edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)

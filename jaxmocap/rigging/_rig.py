@@ -132,7 +132,7 @@ class _Placed(NamedTuple):
 
 
 def _in_rest_frame(clean: Repair, found: Embedding, pins: Mapping[str, np.ndarray]) -> _Placed:
-    """Turned upright, the soles at height 0 and the pelvis above the origin; still in the file's units."""
+    """Turn a mesh upright, soles at height 0 and the pelvis above the origin; still in the file's units."""
     back = np.linalg.inv(found.fit_from_file)
     to_file = lambda points: points @ back[:3, :3].T + back[:3, 3]  # noqa: E731
     places = {name: to_file(place) for name, place in found.places.items()} | dict(pins)
@@ -198,7 +198,7 @@ def _pins(joints: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
 
 
 def brings_skin(path: Path) -> bool:
-    """Whether a file is a body model, or a glTF file whose mesh is bound to joints."""
+    """Tell whether a file is a body model, or a glTF file whose mesh is bound to joints."""
     suffix = path.suffix.lower()
     return suffix == ".npz" or (suffix in (".glb", ".gltf", ".vrm") and has_skin(path))
 
@@ -206,7 +206,7 @@ def brings_skin(path: Path) -> bool:
 def keep_skin(
     path: Path, num_faces: int, mapping: str | Path | Mapping[str, str] | None
 ) -> tuple[Character, dict[str, Any]]:
-    """The character in the file with at most about `num_faces` triangles, and the report on it."""
+    """Load the character in the file with at most about `num_faces` triangles, and report on it."""
     loaded = Character.load(path, mapping)
     character, _ = simplify(loaded, num_faces)
     before, after = len(loaded.faces), len(character.faces)
@@ -223,13 +223,13 @@ def keep_skin(
 
 
 def radii_cm(character: Character) -> dict[str, float]:
-    """The radius of each bone's capsule, centimetres."""
+    """Measure the radius of each bone's capsule, centimetres."""
     radii = 100 * capsules(character).radii
     return {body: round(float(radius), 2) for body, radius in zip(character.skeleton.body_names, radii, strict=True)}
 
 
 def open_actor(path: str | Path, say: Callable[[str], None] | None = None) -> Character:
-    """The character in a skinned glTF file or body model, or a bare mesh rigged on the spot, which `say` is told about.
+    """Open the character in a skinned glTF file or body model, or rig a bare mesh on the spot and tell `say` about it.
 
     Raises `InputError` as `Character.load` and `rig` do.
     """

@@ -107,7 +107,7 @@ def look(
 
 
 def joint_pins(seen: Seen) -> dict[str, Pin]:
-    """Where the joints are about, metres; those that no view shows are left out."""
+    """Estimate where the joints are, metres; those that no view shows are left out."""
     pairs = {
         pair: _triangulated(seen, pair)
         for size in range(2, len(seen.points) + 1)
@@ -139,8 +139,10 @@ def _triangulated(seen: Seen, cameras: tuple[int, ...]) -> np.ndarray:
 
 
 def _doubts(seen: Seen, number: int, cameras: list[int], of: tuple[int, ...], place: np.ndarray) -> float:
-    """What speaks against a place: views that see the joint elsewhere, and no limb around it. Views agree the better
-    the more they are."""
+    """Add up what speaks against a place: views that see the joint elsewhere, and no limb around it.
+
+    Views agree the better the more they are.
+    """
     off = [min(_across(seen, camera, number, place) / _FAR, 1.0) ** 2 for camera in cameras]
     beside = min(float(np.linalg.norm(seen.crossings[camera, number].middle - place)) for camera in of)
     unsure = 0.1 * (1.0 - float(np.mean([seen.points[camera, number, 2] for camera in of])))
@@ -158,7 +160,10 @@ def _across(seen: Seen, camera: int, number: int, place: np.ndarray) -> float:
 
 
 def _information(seen: Seen, number: int, cameras: tuple[int, ...]) -> np.ndarray:
-    """The inverse covariance: every ray tells across, a single one also that it ends about in the middle of a limb."""
+    """Build the inverse covariance of a joint's place.
+
+    Every ray tells where it is across the ray; a single ray also that it ends about in the middle of a limb.
+    """
     information = np.zeros((3, 3))
     for camera in cameras:
         pose = np.asarray(seen.view.cam_from_world[camera], np.float64)

@@ -38,30 +38,30 @@ class Body(NamedTuple):
 
 @lru_cache(maxsize=1)
 def template() -> Character:
-    """The procedural actor, 1.75 m."""
+    """Make the procedural actor, 1.75 m tall."""
     return make_actor()
 
 
 @lru_cache(maxsize=1)
 def probes() -> np.ndarray:
-    """Numbers of the vertices of `template` that correspondences are made for."""
+    """Number the vertices of `template` that correspondences are made for."""
     return np.arange(0, len(template().vertices), _EVERY)
 
 
 def body_at_rest(root: Float[np.ndarray, "4 4"]) -> Body:
-    """The template as it is, somewhere."""
+    """Put the template, as it is, at a root transform."""
     return Body(root, np.zeros(template().skeleton.num_angles), np.zeros(NUM_SHAPE))
 
 
 def moved(body: Body, step: Float[np.ndarray, " parameter"]) -> Body:
-    """The body after a step: the increment of `retract`, then 19 numbers of the shape."""
+    """Move the body by a step: the increment of `retract`, then 19 numbers of the shape."""
     dofs = template().skeleton.num_dofs
     pose = _moved(_arrays(body), jnp.asarray(step[:dofs], jnp.float32))
     return Body(np.asarray(pose.root, np.float64), np.asarray(pose.angles, np.float64), body.shape + step[dofs:])
 
 
 def surface(body: Body) -> tuple[Float[np.ndarray, "vertex 3"], Float[Array, "probe 3 parameter"]]:
-    """Vertices of the body, and the derivative of the probed ones by a step."""
+    """Compute the vertices of the body, and the derivative of the probed ones by a step."""
     vertices, jacobian = _surface(template(), jnp.asarray(probes()), _arrays(body))
     return np.asarray(vertices, np.float64), jacobian
 
@@ -71,19 +71,19 @@ def squares(
     metric: Float[np.ndarray, "probe 3 3"],
     pull: Float[np.ndarray, "probe 3"],
 ) -> tuple[Float[np.ndarray, "parameter parameter"], Float[np.ndarray, " parameter"]]:
-    """Hessian and gradient of the squares of displacements in a metric per probe; `pull` is metric times residual."""
+    """Build Hessian and gradient of squared displacements in a metric per probe; `pull` is metric times residual."""
     hessian, gradient = _squares(jacobian, jnp.asarray(metric, jnp.float32), jnp.asarray(pull, jnp.float32))
     return np.array(hessian, np.float64), np.array(gradient, np.float64)
 
 
 def landmarks(body: Body) -> dict[str, np.ndarray]:
-    """Joints and other landmarks of the body by name."""
+    """Return joints and other landmarks of the body by name."""
     places = np.asarray(_landmarks(template(), _arrays(body)), np.float64)
     return dict(zip(template().skeleton.landmark_names, places, strict=True))
 
 
 def joint_slopes(body: Body) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Landmarks of the body by name, and their derivatives (3, 58) by a step."""
+    """Return landmarks of the body by name, and their derivatives (3, 58) by a step."""
     places, slopes = _slopes(template(), _arrays(body))
     names = template().skeleton.landmark_names
     return (
@@ -93,7 +93,7 @@ def joint_slopes(body: Body) -> tuple[dict[str, np.ndarray], dict[str, np.ndarra
 
 
 def shape_of(numbers: Array) -> BodyShape:
-    """The 19 numbers as a `BodyShape`."""
+    """Turn the 19 numbers into a `BodyShape`."""
     return BodyShape(numbers[0], numbers[1 : 1 + len(LENGTHS)], numbers[1 + len(LENGTHS) :])
 
 
@@ -149,7 +149,7 @@ def _landmarks(character: Character, body: tuple[Pose, Array]) -> Float[Array, "
 
 
 def rest_angles_of(arms: float) -> Float[np.ndarray, " dof"]:
-    """Joint angles that turn the template's arms by `arms` radians upwards."""
+    """Find the joint angles that turn the template's arms by `arms` radians upwards."""
     skeleton = template().skeleton
     angles = np.array(rest_pose(skeleton).angles, np.float64)
     for side in "lr":

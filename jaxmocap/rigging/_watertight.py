@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 def orient(
     vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
 ) -> tuple[Int[np.ndarray, "face 3"], int]:
-    """Faces turned so that neighbours agree and every connected part encloses a positive volume; how many were turned.
+    """Turn faces so that neighbours agree and every connected part encloses a positive volume; count those turned.
 
     Edges of more or fewer than two faces connect nothing.
     """
@@ -93,7 +93,7 @@ def _edges(faces: np.ndarray) -> np.ndarray:
 
 
 def _loops(faces: np.ndarray) -> list[list[int]]:
-    """Closed walks along edges that only one face has, against that face's direction; no vertex twice in one."""
+    """Find closed walks along edges that only one face has, against that face's direction; no vertex twice in one."""
     edges = _edges(faces)
     size = int(faces.max()) + 1
     forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]

@@ -53,7 +53,7 @@ def skin_weights(
     laid: Float[np.ndarray, "skin 3"],
     heat: float = HEAT,
 ) -> Float[np.ndarray, "vertex bone"]:
-    """Weights (V, 18) of a mesh: at most four bones each, none negative, rows that sum to 1.
+    """Weigh a mesh's vertices by bone (V, 18): at most four bones each, none negative, rows that sum to 1.
 
     `places` are joints and landmarks in the mesh's rest pose, metres, and `laid` the vertices of the template laid into
     the mesh. Along the forearm the hand takes over linearly, so that turning it does not wring the wrist.
@@ -106,7 +106,7 @@ def _smoothed(weights: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def unwrung(weights: np.ndarray, vertices: np.ndarray, places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The hand only turns about the forearm: its weight grows linearly from the elbow to the wrist."""
+    """Let the hand only turn about the forearm: its weight grows linearly from the elbow to the wrist."""
     weights = weights.copy()
     for side in "lr":
         elbow, wrist = places[f"{side}_elbow"], places[f"{side}_wrist"]
@@ -120,7 +120,7 @@ def unwrung(weights: np.ndarray, vertices: np.ndarray, places: Mapping[str, np.n
 
 
 def fewest(weights: np.ndarray) -> np.ndarray:
-    """The four largest of each row, without specks, summing to 1."""
+    """Keep the four largest of each row, without specks, summing to 1."""
     weights = np.where(weights < _LEAST * weights.sum(axis=1, keepdims=True), 0.0, weights)
     rank = np.argsort(np.argsort(-weights, axis=1, kind="stable"), axis=1)
     weights = np.where(rank < MAX_BONES, weights, 0.0)
