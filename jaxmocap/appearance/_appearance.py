@@ -66,19 +66,19 @@ class Appearance(eqx.Module):
     sizes: tuple[tuple[int, int], ...] = eqx.field(static=True)
 
     def selected_for(self, frame: int) -> tuple[int, ...]:
-        """Positions in `selected_frames` of the background models that serve a frame."""
+        """Find the positions in `selected_frames` of the background models that serve a frame."""
         return nearest_selected(frame, self.selected_frames, self.settings.grid.blend)
 
     def foreground_table(self, camera: int, dtype: Any = jnp.float16) -> Float[Array, "face colour"]:
-        """psi_f of every triangle at every palette colour, for one camera."""
+        """Return psi_f of every triangle at every palette colour, for one camera."""
         return psi_table(self.foreground.camera(camera), self.palette, self.settings.colour, dtype)
 
     def background_table(self, camera: int, selected: int, dtype: Any = jnp.float16) -> Float[Array, "triangle colour"]:
-        """psi_b of every grid triangle at every palette colour, for one camera and selected frame."""
+        """Return psi_b of every grid triangle at every palette colour, for one camera and selected frame."""
         return psi_table(self.background[camera, selected].colours, self.palette, self.settings.colour, dtype)
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """Plain arrays for `numpy.savez`; the settings as JSON text. `from_arrays` reads them back."""
+        """Return plain arrays for `numpy.savez`; the settings as JSON text. `from_arrays` reads them back."""
         arrays = {
             "format": np.asarray(FORMAT),
             "selected_frames": np.asarray(self.selected_frames),
@@ -95,7 +95,7 @@ class Appearance(eqx.Module):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "Appearance":
-        """The record that `to_arrays` wrote. Raises `InputError` for another version or a missing array."""
+        """Read the record that `to_arrays` wrote. Raises `InputError` for another version or a missing array."""
         if "format" not in arrays or int(arrays["format"]) != FORMAT:
             found = int(arrays["format"]) if "format" in arrays else "none"
             raise InputError(f"The stored appearance has format {found}, this version reads {FORMAT}; fit it again.")
@@ -185,13 +185,13 @@ def _person(ids: np.ndarray, mask: np.ndarray | None) -> Bool[np.ndarray, "heigh
 
 
 def _palette_pixels(image: np.ndarray, person: np.ndarray) -> UInt8[np.ndarray, "pixel 3"]:
-    """A sample in which the person has as many pixels as the background."""
+    """Sample an image such that the person has as many pixels as the background."""
     sides = [image[side] for side in (person, ~person) if side.any()]
     return np.concatenate([side[np.arange(10_000) * len(side) // 10_000] for side in sides])
 
 
 def _plain(settings: eqx.Module) -> dict[str, Any]:
-    """Settings as nested dictionaries of JSON values."""
+    """Write settings as nested dictionaries of JSON values."""
     plain: dict[str, Any] = {}
     for field in fields(settings):
         value = getattr(settings, field.name)
@@ -214,8 +214,11 @@ def _settings_from(kind: type, plain: Mapping[str, Any]) -> Any:
 
 
 def appearance_preset(quality: Quality) -> AppearanceSettings:
-    """Appearance settings that go with a preset: "paper" leaves triangles that were never seen without a model, and
-    knows the background by the grid's colour models only."""
+    """Choose the appearance settings that go with a preset.
+
+    "paper" leaves triangles that were never seen without a model, and knows the background by the grid's colour models
+    only.
+    """
     if quality == "paper":
         return AppearanceSettings()
     return AppearanceSettings(foreground=ForegroundSettings(unseen="nearest"), behind="plate")

@@ -44,7 +44,7 @@ def fit_background(
     grid: GridSettings | None = None,
     colour: ColourSettings | None = None,
 ) -> BackgroundModel:
-    """Background model of one camera at one selected frame (Sec. 3.2, Fig. 4).
+    """Fit the background model of one camera at one selected frame (Sec. 3.2, Fig. 4).
 
     Pixels of the person mask, grown by `grid.mask_dilation`, are left out; `None`: nobody is in the image. A triangle
     with fewer than `grid.min_pixels` others copies the nearest triangle that has a model. Raises `InputError` if the
@@ -87,7 +87,7 @@ def background_distance(
     table: Float[np.ndarray, "triangle colour"] | None = None,
     labels: Integer[np.ndarray, "height width"] | None = None,
 ) -> Float[np.ndarray, "height width"]:
-    """psi_b of every pixel of a window: the distance of Eq. 3 to the model of the warped triangle that covers it.
+    """Compute psi_b of every pixel of a window: the distance of Eq. 3 to the warped triangle that covers it.
 
     `vertices` is the grid of the selected frame warped to this frame (`GridWarp.vertices`, with `GridWarp.rest` to
     settle fold-overs), `image` the window of the frame, `origin` the (y, x) of its first pixel in the whole image. With
@@ -130,7 +130,7 @@ def _exact(
 def nearest_selected(
     frame: int, selected: Sequence[int], blend: Literal["nearest", "min"] = "nearest"
 ) -> tuple[int, ...]:
-    """Positions in `selected` of the frames whose background model serves `frame` (t^ of Sec. 4.1).
+    """Find the positions in `selected` of the frames whose background model serves `frame` (t^ of Sec. 4.1).
 
     `"nearest"`: the one closest in time, the earlier one on a tie. `"min"`: the last one before and the first one
     after, of which the smaller psi_b is taken, so that nothing jumps midway.

@@ -32,13 +32,13 @@ class GridSettings(eqx.Module):
 
 
 def grid_vertices(height: int, width: int, rows: int = 16, columns: int = 16) -> Float[np.ndarray, "vertex 2"]:
-    """Undeformed vertices (x, y) in pixels, row by row; the outer ones lie on the image border, 0 and width."""
+    """Place the undeformed vertices (x, y) in pixels, row by row; the outer ones lie on the border, 0 and width."""
     x, y = np.meshgrid(np.linspace(0, width, columns + 1), np.linspace(0, height, rows + 1))
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
 def grid_triangles(rows: int = 16, columns: int = 16) -> Int[np.ndarray, "triangle 3"]:
-    """Vertex indices: triangles 2c and 2c + 1 are the upper right and the lower left half of cell c, row by row."""
+    """List vertex indices: triangles 2c and 2c + 1 are the upper right and lower left half of cell c, row by row."""
     corner = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
     right, below, opposite = corner + 1, corner + columns + 1, corner + columns + 2
     upper = np.stack([corner, right, opposite], axis=1)
@@ -51,7 +51,7 @@ def similarity_residuals(
     rest: Float[np.ndarray, "vertex 2"],
     triangles: Int[np.ndarray, "triangle 3"],
 ) -> Float[np.ndarray, " triangle"]:
-    """How far each triangle is from a similar copy of its rest shape, in pixels; large for a mirrored one.
+    """Measure how far each triangle is from a similar copy of its rest shape, in pixels; large for a mirrored one.
 
     The residual is that of the best similarity from the rest edges to the deformed edges, as complex numbers.
     """
@@ -72,7 +72,7 @@ def grid_ids(
     rest: Float[np.ndarray, "vertex 2"] | None = None,
     origin: tuple[int, int] = (0, 0),
 ) -> Int[np.ndarray, "height width"]:
-    """Background triangle per pixel of a window (Sec. 4.1): the deformed triangle that covers the pixel's centre.
+    """Find the background triangle of every pixel of a window (Sec. 4.1): the deformed one that covers its centre.
 
     `vertices` are the warped grid in pixels of the whole image, `origin` the (y, x) of the window's first pixel,
     `height` and `width` the window's size. Where triangles fold over each other the one closest to a similar copy of

@@ -66,14 +66,14 @@ class ColourModel(eqx.Module):
     cluster_count: Int[Array, "*batch element"]
 
     def mean_colours(self) -> Float[Array, "*batch element 3"]:
-        """Mean RGB of each element's pixels; zero where it has no model."""
+        """Average the RGB of each element's pixels; zero where it has no model."""
         return jnp.sum(self.means * self.weights[..., None], axis=-2)
 
 
 def whitening(
     model: ColourModel, settings: ColourSettings
 ) -> tuple[Float[Array, "*batch element cluster 6"], Float[Array, "*batch element cluster"]]:
-    """Per cluster, W with |W (c - mu)|^2 + offset the distance of Eq. 3 before the barrier.
+    """Compute W and an offset per cluster: |W (c - mu)|^2 + offset is the distance of Eq. 3 before the barrier.
 
     W is lower triangular, stored as its rows (w00, w10, w11, w20, w21, w22): the inverse Cholesky factor of the floored
     covariance over sqrt(kappa). The offset is `FAR` for clusters that do not exist. Under the Euclidean metric W is the
@@ -113,7 +113,7 @@ def distance(
     offset: Float[Array, "*#shape"],
     settings: ColourSettings,
 ) -> Float[Array, "*shape"]:
-    """Distance to one cluster before the barrier, from c - mu and `whitening`."""
+    """Compute the distance to one cluster before the barrier, from c - mu and `whitening`."""
     r, g, b = difference[..., 0], difference[..., 1], difference[..., 2]
     w00, w10, w11, w20, w21, w22 = (whiten[..., i] for i in range(6))
     squared = (w00 * r) ** 2 + (w10 * r + w11 * g) ** 2 + (w20 * r + w21 * g + w22 * b) ** 2
@@ -129,7 +129,9 @@ def psi(
     colours: Float[Array | np.ndarray, "*pixels 3"],
     settings: ColourSettings | None = None,
 ) -> Float[Array, "*pixels"]:
-    """Model distance of Eq. 3 with our floor: min(min_k (c - mu_k)^T (S_k + s0^2 I)^-1 (c - mu_k) / kappa, tau).
+    """Compute psi, the model distance of Eq. 3 with our floor.
+
+    psi = min(min_k (c - mu_k)^T (S_k + s0^2 I)^-1 (c - mu_k) / kappa, tau).
 
     `element_ids` choose the element per pixel, colours are RGB in [0, 1]. The result is tau for a negative id and for
     an element without a model. Exact and differentiable; for whole images `psi_table` is faster.

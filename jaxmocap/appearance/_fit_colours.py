@@ -102,7 +102,7 @@ def fit_colour_models(
     settings: ColourSettings | None = None,
     min_pixels: int = 1,
 ) -> ColourModel:
-    """Colour model of every element from its pixels: K-means, then one Gaussian per cluster (Sec. 3.2).
+    """Fit the colour model of every element to its pixels: K-means, then one Gaussian per cluster (Sec. 3.2).
 
     `element_ids` (negative: ignored) and `colours` (RGB in [0, 1], or uint8) list the pixels in any order. Elements
     with fewer than `min_pixels` get no model. k-means++ seeding, `settings.restarts` starts, fixed seed per element:

@@ -59,16 +59,16 @@ class ForegroundModel(eqx.Module):
     source: Int[Array, "camera face"]
 
     def camera(self, camera: int) -> ColourModel:
-        """The models one camera uses."""
+        """Return the models one camera uses."""
         return _one(self.colours, camera)
 
     def mean_colours(self) -> Float[Array, "camera face 3"]:
-        """Mean RGB per triangle in [0, 1]; zero where `colours.valid` is false."""
+        """Average the RGB per triangle, in [0, 1]; zero where `colours.valid` is false."""
         return self.colours.mean_colours()
 
 
 def face_neighbours(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, "face 3"]:
-    """The triangle across each edge (0-1, 1-2, 2-0); -1 at an open border."""
+    """Find the triangle across each edge (0-1, 1-2, 2-0); -1 at an open border."""
     faces = np.asarray(faces)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     order = np.lexsort(edges.T[::-1])
@@ -81,7 +81,7 @@ def face_neighbours(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, "face 3
 
 
 def nearest_known(faces: Int[np.ndarray, "face 3"], known: Bool[np.ndarray, " face"]) -> Int[np.ndarray, " face"]:
-    """For every triangle the nearest known one, in steps over shared edges; itself where none can be reached."""
+    """Find for every triangle the nearest known one, in steps over shared edges; itself where none can be reached."""
     if not known.any():
         return np.arange(len(faces))
     _, _, origin = dijkstra(
@@ -97,7 +97,7 @@ def usable_pixels(
     silhouette: Bool[np.ndarray, "height width"] | None,
     settings: ForegroundSettings,
 ) -> Bool[np.ndarray, "height width"]:
-    """Pixels safe to learn from: inside the eroded silhouette, on a triangle that faces the camera.
+    """Mark pixels that are safe to learn from: inside the eroded silhouette, on a triangle that faces the camera.
 
     `facing` is the cosine per face or per pixel; `silhouette` a person mask that is intersected with the rendered one.
     """
@@ -122,7 +122,7 @@ def fit_foreground(
     settings: ForegroundSettings | None = None,
     colour: ColourSettings | None = None,
 ) -> ForegroundModel:
-    """Foreground model of the registered mesh (Sec. 3.2): pixels of all selected frames, per triangle and camera.
+    """Fit the foreground model of the registered mesh (Sec. 3.2) to all selected frames, per triangle and camera.
 
     `ids[n][m]` is the triangle rendered at each pixel of camera m in selected frame n (-1: none), `images[n][m]` the
     image of the same size, `facing[n][m]` the cosine of normal and view direction, per face or per pixel,
@@ -177,7 +177,7 @@ def fit_foreground(
 def _borrowed(
     ids: np.ndarray, rgb: np.ndarray, neighbours: np.ndarray, settings: ForegroundSettings
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Copies of the neighbours' pixels for triangles that were seen, but in too few pixels."""
+    """Copy the neighbours' pixels for triangles that were seen, but in too few pixels."""
     if settings.pool_ring == 0:
         return []
     order = np.argsort(ids, kind="stable")

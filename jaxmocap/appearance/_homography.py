@@ -24,7 +24,7 @@ def fit_homography(
     points_to: Float[np.ndarray, "point 2"],
     weights: Float[np.ndarray, " point"] | None = None,
 ) -> Float[np.ndarray, "3 3"]:
-    """Weighted least-squares homography by the normalised direct linear transform; four points or more."""
+    """Fit a homography by weighted least squares (normalised direct linear transform) to four points or more."""
     weights = np.ones(len(points_from)) if weights is None else weights
     to_unit_from, to_unit_to = _normaliser(points_from), _normaliser(points_to)
     rows = linear_equations(apply_homography(to_unit_from, points_from), apply_homography(to_unit_to, points_to))
@@ -37,7 +37,7 @@ def fit_homography(
 def robust_homography(
     points_from: Float[np.ndarray, "point 2"], points_to: Float[np.ndarray, "point 2"], seed: int = 0
 ) -> Float[np.ndarray, "3 3"]:
-    """Homography that most matches follow: random four-point trials, then five reweighted least squares rounds.
+    """Fit the homography that most matches follow: random four-point trials, then five reweighted least squares rounds.
 
     Falls back to the mean translation below four points, and to the identity with none. Deterministic for a seed.
     """
@@ -76,7 +76,7 @@ def _normaliser(points: np.ndarray) -> Float[np.ndarray, "3 3"]:
 
 
 def linear_equations(source: np.ndarray, target: np.ndarray) -> Float[np.ndarray, "row 9"]:
-    """Two linear equations per match in the nine elements of the homography."""
+    """Write two linear equations per match in the nine elements of the homography."""
     one, zero = np.ones((len(source), 1)), np.zeros((len(source), 3))
     homogeneous = np.concatenate([source, one], axis=1)
     horizontal = np.concatenate([homogeneous, zero, -target[:, :1] * homogeneous], axis=1)

@@ -30,7 +30,7 @@ class Palette(eqx.Module):
 def fit_palette(
     pixels: Float[Array | np.ndarray, "... 3"] | UInt8[np.ndarray, "... 3"], size: int = 1024, *, samples: int = 60_000
 ) -> Palette:
-    """Palette of `size` colours for the pixels (RGB in [0, 1] or uint8): median cut, then eight Lloyd steps.
+    """Fit a palette of `size` colours to the pixels (RGB in [0, 1] or uint8): median cut, then eight Lloyd steps.
 
     Deterministic; smaller if the pixels have fewer colours. At most `samples` evenly spread pixels are used; give the
     person's pixels their share, since a colour that the sample lacks is represented coarsely.
@@ -48,7 +48,7 @@ def fit_palette(
 
 
 def palette_from_colours(colours: Float[Array | np.ndarray, "colour 3"]) -> Palette:
-    """Palette of given colours, RGB in [0, 1]."""
+    """Make a palette of given colours, RGB in [0, 1]."""
     entries = np.asarray(colours, np.float32)
     centres = (np.stack(np.meshgrid(*[np.arange(LATTICE)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) + 0.5) / LATTICE
     nearest = KDTree(entries).query(centres)[1].astype(np.uint16 if len(entries) <= 65_536 else np.int32)
@@ -76,7 +76,7 @@ def _median_cut(rgb: np.ndarray, size: int) -> np.ndarray:
 def label_image(
     palette: Palette, image: UInt8[Array | np.ndarray, "*pixels 3"] | Float[Array | np.ndarray, "*pixels 3"]
 ) -> Integer[Any, "*pixels"]:
-    """Palette index of every pixel of a uint8 image, or of floats in [0, 1]: one look-up, no search.
+    """Look up the palette index of every pixel of a uint8 image, or of floats in [0, 1]: one look-up, no search.
 
     A NumPy image gives NumPy labels without compiling anything, so windows of any size are cheap; a JAX array gives JAX
     labels and may be traced.
@@ -94,7 +94,7 @@ def label_image(
 def psi_table(
     model: ColourModel, palette: Palette, settings: ColourSettings | None = None, dtype: Any = jnp.float16
 ) -> Float[Array, "element colour"]:
-    """psi (Eq. 3) of every element at every palette colour; tau for elements without a model.
+    """Tabulate psi (Eq. 3) of every element at every palette colour; tau for elements without a model.
 
     The quadratic form is evaluated in its factored form, which stays accurate for tiny covariances where the expanded
     polynomial does not. Half precision by default: its rounding is far below that of the palette.
@@ -121,7 +121,7 @@ def palette_error(
     colours: Float[Array | np.ndarray, "pixel 3"],
     settings: ColourSettings | None = None,
 ) -> dict[str, float]:
-    """Difference between the table and the exact psi on given pixels: its `mean`, `rms`, `p95` and `max`, unit psi."""
+    """Compare the table with the exact psi on given pixels: `mean`, `rms`, `p95` and `max` difference, unit psi."""
     exact = np.asarray(psi(model, element_ids, colours, settings))
     looked_up = np.asarray(psi_table(model, palette, settings, jnp.float32))[
         np.asarray(element_ids), np.asarray(label_image(palette, colours))

@@ -49,7 +49,7 @@ class Plate(NamedTuple):
     known: Bool[np.ndarray, "height width"]
 
     def filled_from(self, other: "Plate") -> "Plate":
-        """This plate, and the other one where this is not known."""
+        """Fill what is not known of this plate from the other one."""
         picture = np.where(self.known[..., None], self.picture, other.picture)
         return Plate(picture, self.known | other.known)
 
@@ -59,13 +59,13 @@ def plate_beside(
     person: Bool[np.ndarray, "height width"],
     settings: PlateSettings | None = None,
 ) -> Plate:
-    """The plate of a frame whose person is marked: everything beside."""
+    """Make the plate of a frame whose person is marked: everything beside."""
     settings = PlateSettings() if settings is None else settings
     return Plate(image, ~_grown(person, settings.growth))
 
 
 def warped_plate(plate: Plate, warp: GridWarp, grid: GridSettings | None = None) -> Plate:
-    """A plate in the frame to which `warp` carries its frame."""
+    """Warp a plate into the frame to which `warp` carries its frame."""
     grid = GridSettings() if grid is None else grid
     height, width = plate.known.shape
     ids = grid_ids(warp.vertices, height, width, grid, rest=warp.rest)
@@ -81,7 +81,7 @@ def warped_plate(plate: Plate, warp: GridWarp, grid: GridSettings | None = None)
 def grid_coordinates(
     vertices: Float[np.ndarray, "vertex 2"], ids: Int[np.ndarray, "height width"], grid: GridSettings
 ) -> Float[np.ndarray, "height width 2"]:
-    """Where each pixel of an image comes from, (x, y) in the undeformed grid's image of the same size.
+    """Find where each pixel of an image comes from, (x, y) in the undeformed grid's image of the same size.
 
     `vertices` is the warped grid, `ids` the triangle at every pixel (`grid_ids`). Far outside where there is none.
     """
@@ -106,8 +106,10 @@ def plate_distance(
     settings: PlateSettings | None = None,
     tau: float = 1.0,
 ) -> Float[np.ndarray, "height width"]:
-    """psi_b of every pixel against a plate of the same window: min(tau, d^2 / s0^2), with d the least colour distance
-    within `reach` pixels, and `unknown` where the plate is not known."""
+    """Compute psi_b of every pixel against a plate of the same window: min(tau, d^2 / s0^2).
+
+    d is the least colour distance within `reach` pixels. It is `unknown` where the plate is not known.
+    """
     settings = PlateSettings() if settings is None else settings
     pictures = _smoothed(plate.picture, settings.blur), _smoothed(image, settings.blur)
     distance = np.asarray(_least_square(*pictures, settings)) / np.float32(settings.s0) ** 2
@@ -121,9 +123,11 @@ def renewed_plate(
     window: tuple[slice, slice],
     settings: PlateSettings | None = None,
 ) -> Plate:
-    """The plate after a frame has been tracked: the image itself, but behind the person and, inside the `window` (rows,
-    columns), where a pixel looks neither like the old plate nor like its shadow: a limb that the tracker lost does not
-    become background."""
+    """Renew the plate after a frame has been tracked: with the image itself, but not everywhere.
+
+    The old plate stays behind the person and, inside the `window` (rows, columns), where a pixel looks neither like it
+    nor like its shadow: a limb that the tracker lost does not become background.
+    """
     settings = PlateSettings() if settings is None else settings
     hidden = _grown(person, settings.growth)
     pictures = _smoothed(plate.picture[window], settings.blur), _smoothed(image[window], settings.blur)

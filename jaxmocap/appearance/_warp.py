@@ -61,8 +61,10 @@ class GridWarp:
 def bilinear_weights(
     points: Float[np.ndarray, "point 2"], size: tuple[int, int], rows: int, columns: int
 ) -> tuple[np.ndarray, Float[np.ndarray, "point 4"]]:
-    """Corner vertices (point, 4) of each point's cell in the undeformed grid of an image of `size` (height, width), and
-    the bilinear weights that reproduce the point."""
+    """Find the cell of each point in the undeformed grid of an image of `size` (height, width).
+
+    Returns its corner vertices (point, 4) and the bilinear weights that reproduce the point.
+    """
     height, width = size
     u = points[:, 0] / width * columns
     v = points[:, 1] / height * rows
@@ -85,7 +87,7 @@ class _BandedNormal:
         self.right = np.zeros(self.unknowns)
 
     def add(self, index: np.ndarray, coefficients: np.ndarray, target: np.ndarray, weights: np.ndarray) -> None:
-        """Rows `coefficients . unknowns[index] = target` with weights: arrays (row, k), (row, k), (row,), (row,)."""
+        """Add rows `coefficients . unknowns[index] = target`: arrays (row, k), (row, k), (row,), `weights` (row,)."""
         first, second = np.broadcast_arrays(index[:, :, None], index[:, None, :])
         product = coefficients[:, :, None] * coefficients[:, None, :] * weights[:, None, None]
         lower = first >= second
@@ -95,7 +97,7 @@ class _BandedNormal:
         self.right += np.bincount(index.ravel(), pull.ravel(), self.unknowns)
 
     def add_points(self, corners: np.ndarray, shares: np.ndarray, target: np.ndarray, weights: np.ndarray) -> None:
-        """Rows that ask of x and of y the same: `shares . vertices[corners] = target`, (row, 2)."""
+        """Add rows that ask the same of x and of y: `shares . vertices[corners] = target`, (row, 2)."""
         along_x = self.empty()
         along_x.add(2 * corners, shares, target[:, 0], weights)
         self.band += along_x.band
@@ -104,25 +106,25 @@ class _BandedNormal:
         self.right += along_x.right + np.bincount((2 * corners + 1).ravel(), pull.ravel(), self.unknowns)
 
     def empty(self) -> "_BandedNormal":
-        """A system of the same shape without equations."""
+        """Make a system of the same shape without equations."""
         return _BandedNormal(self.columns, self.unknowns // 2)
 
     def plus(self, other: "_BandedNormal", scale: float) -> "_BandedNormal":
-        """This system and `scale` times another one."""
+        """Add `scale` times another system to this one."""
         total = self.empty()
         total.band = self.band + scale * other.band
         total.right = self.right + scale * other.right
         return total
 
     def solve(self, towards: Float[np.ndarray, "vertex 2"]) -> Float[np.ndarray, "vertex 2"]:
-        """Solution; what the equations leave open is taken from `towards`."""
+        """Solve the equations; what they leave open is taken from `towards`."""
         band = self.band.reshape(self.bandwidth + 1, self.unknowns).copy()
         band[0] += OPEN
         return solveh_banded(band, self.right + OPEN * towards.ravel(), lower=True, check_finite=False).reshape(-1, 2)
 
 
 def _similarity_normal(rest: np.ndarray, rows: int, columns: int) -> _BandedNormal:
-    """Normal equations of the similarity term: v = v1 + u (v0 - v1) + w R (v0 - v1), with R = [[0, 1], [-1, 0]].
+    """Build the normal equations of the similarity term: v = v1 + u (v0 - v1) + w R (v0 - v1), R = [[0, 1], [-1, 0]].
 
     Four corners v1 per cell, both orders of the two legs: eight triples per cell. u and w are those of `rest`.
     """
@@ -240,7 +242,7 @@ def _reweighted(
     anchor: _BandedNormal | None,
     settings: WarpSettings,
 ) -> tuple[np.ndarray, float, float]:
-    """Iteratively reweighted least squares for one alpha: vertices, robust mean residual, share of inliers.
+    """Fit by iteratively reweighted least squares for one alpha: vertices, robust mean residual, share of inliers.
 
     The Geman-McClure scale starts at three times the median residual of `start` and falls to `settings.scale`, so that
     parallax against the homography is not taken for an outlier.

@@ -44,12 +44,12 @@ class BodyPart(eqx.Module):
         return KeyLayout.for_faces(self.num_faces)
 
     def posed(self, character: Character, pose: Pose) -> Float[Array, "part_vertex 3"]:
-        """The part's vertices in the world (Eq. 1)."""
+        """Pose the part: its vertices in the world (Eq. 1)."""
         return blend(character.skeleton, pose, self.vertices, self.weights)
 
 
 def body_part(character: Character, dofs: tuple[int, ...], least_faces: int = 0, least_vertices: int = 0) -> BodyPart:
-    """The part of the mesh moved by `dofs` (host). A root DoF moves everything.
+    """Cut out the part of the mesh that `dofs` move (host); a root DoF moves everything.
 
     Raises `ValueError` if no face depends on them.
     """
@@ -80,8 +80,7 @@ class Region(eqx.Module):
     size: tuple[int, int] = eqx.field(static=True)
 
     def cut(self, values: Array, camera: int, step: int = 1, border: int = 0) -> Array:
-        """The region of a (height, width, ...) array of one view, every `step`-th pixel; with `border` more around
-        it."""
+        """Cut the region out of one view's (height, width, ...) array: every `step`-th pixel, `border` more around."""
         corner = (self.corners[camera, 0], self.corners[camera, 1])
         size = (self.size[0] + 2 * border, self.size[1] + 2 * border)
         window = lax.dynamic_slice(values, corner + (0,) * (values.ndim - 2), size + values.shape[2:])
@@ -89,7 +88,7 @@ class Region(eqx.Module):
 
 
 def region_mask(region: Region, camera: int, height: int, width: int) -> Bool[Array, "height width"]:
-    """True inside the region of one view."""
+    """Mark the pixels inside the region of one view."""
     row, column = jnp.arange(height)[:, None], jnp.arange(width)[None, :]
     top, left = region.corners[camera, 0], region.corners[camera, 1]
     return (row >= top) & (row < top + region.size[0]) & (column >= left) & (column < left + region.size[1])
@@ -111,7 +110,7 @@ class GroupProblem(eqx.Module):
 
     @staticmethod
     def whole(character: Character, part: BodyPart, pose: Pose, frame: FrameProblem) -> "GroupProblem":
-        """Whose region is all of the rectangle."""
+        """Make the problem whose region is all of the rectangle."""
         return GroupProblem(
             character, part, pose, frame, Region(jnp.zeros((frame.num_cameras, 2), jnp.int32), frame.size)
         )
@@ -120,7 +119,7 @@ class GroupProblem(eqx.Module):
 def base_buffers(
     group: GroupProblem, capacity: int
 ) -> tuple[Int[Array, "camera padded_height padded_width"], Int[Array, ""]]:
-    """Key buffers of the body without the part, one per view, and the number of windows needed."""
+    """Draw the key buffers of the body without the part, one per view, and count the windows needed."""
     faces, frame, layout = group.character.faces, group.frame, group.layout
     vertices = skin(group.character, group.pose)
     numbers = jnp.arange(faces.shape[0], dtype=jnp.int32)
@@ -142,7 +141,7 @@ def part_windows(
     capacity: int,
     driver: Driver | None = None,
 ) -> tuple[WindowList, Places]:
-    """Windows of the part in one view's region, and the corners of its faces on the screen."""
+    """List the windows of the part in one view's region, and place the corners of its faces on the screen."""
     part, frame, region = group.part, group.frame, group.region
     screen = to_screen(vertices, frame.projection[camera], frame.origins[camera])
     drawn, depths, corner = Faces(part.faces, part.face_numbers), frame.depth_range[camera], region.corners[camera]
@@ -150,7 +149,7 @@ def part_windows(
 
 
 def pixels_outside(places: Places, corner: Int[Array, "2"], size: tuple[int, int]) -> Float[Array, ""]:
-    """Area, in pixels, of the front faces whose centre lies outside a region. `places` are their corners."""
+    """Sum the area, in pixels, of the front faces whose centre lies outside a region. `places` are their corners."""
     (ax, bx, cx), (ay, by, cy) = places
     x, y, area = (ax + bx + cx) / 3 - corner[1], (ay + by + cy) / 3 - corner[0], 0.5 * doubled_area(places)
     outside = (x < -0.5) | (y < -0.5) | (x > size[1] - 0.5) | (y > size[0] - 0.5)

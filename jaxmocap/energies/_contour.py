@@ -64,7 +64,7 @@ def _shift(values: Array, rows: int, columns: int, fill) -> Array:
 def contour_points(
     ids: Int[Array, "height width"], inverse_depth: Float[Array, "height width"], settings: ContourSettings
 ) -> ContourPoints:
-    """Boundary pixels of the drawn mesh, sub-sampled, with the inward normal from the blurred inverse depth."""
+    """Sample boundary pixels of the drawn mesh, with the inward normal from the blurred inverse depth."""
     height, width = ids.shape
     covered = ids >= 0
     boundary = jnp.zeros_like(covered)
@@ -97,7 +97,7 @@ def edge_targets(
     model_known: Bool[Array, "slot"],
     settings: ContourSettings,
 ) -> tuple[Float[Array, "slot 2"], Bool[Array, "slot"]]:
-    """The best edge pixel of every contour point: (column, row) in the rectangle, and whether one was accepted.
+    """Find the best edge pixel (column, row) in the rectangle for every contour point, and whether one was accepted.
 
     Candidates lie within `reach` pixels along the normal and within 25 degrees of it. Score = 0.4 distance + 0.3
     orientation + 0.3 colour on the inner side.
@@ -140,7 +140,7 @@ def contour_lines(
     problem: FrameProblem,
     settings: ContourSettings,
 ) -> SurfaceLines:
-    """Rows of Eq. 9 for the current rendering of the pose: contour points of every view tied to their edges."""
+    """Build rows of Eq. 9 for the current rendering of the pose: contour points of every view tied to their edges."""
     parts = []
     for camera in range(problem.num_cameras):
         points = contour_points(ids[camera], inverse_depth[camera], settings)

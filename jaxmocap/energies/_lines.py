@@ -23,20 +23,20 @@ class SurfaceLines(eqx.Module):
     weight: Float[Array, "row"]
 
     def points(self, vertices: Float[Array, "vertex 3"]) -> Float[Array, "row 3"]:
-        """The points on a posed mesh."""
+        """Place the points on a posed mesh."""
         return jnp.einsum("rk,rkc->rc", self.barycentric, vertices[self.corners])
 
     def residual(self, vertices: Float[Array, "vertex 3"]) -> Float[Array, "row 3"]:
-        """v x n - m per row (Eq. 9), metres, unweighted."""
+        """Compute v x n - m per row (Eq. 9), metres, unweighted."""
         return jnp.cross(self.points(vertices), self.direction) - self.moment
 
     def at(self, character: Character, pose: Pose) -> Float[Array, "row 3"]:
-        """The residual of a pose."""
+        """Compute the residual of a pose."""
         return self.residual(skin(character, pose))
 
 
 def join_lines(*parts: SurfaceLines) -> SurfaceLines:
-    """All rows one after the other."""
+    """Join all rows, one after the other."""
     return SurfaceLines(
         *(
             jnp.concatenate([getattr(p, f) for p in parts])
@@ -48,7 +48,7 @@ def join_lines(*parts: SurfaceLines) -> SurfaceLines:
 def barycentric_at(
     corners: Float[Array, "row 3 3"], centre: Float[Array, "3"], direction: Float[Array, "row 3"]
 ) -> Float[Array, "row 3"]:
-    """Barycentric coordinates of the point where a ray meets a triangle's plane, kept inside the triangle."""
+    """Find the barycentric point where a ray meets a triangle's plane, kept inside the triangle."""
     a, b, c = corners[:, 0] - centre, corners[:, 1] - centre, corners[:, 2] - centre
     volumes = jnp.stack(
         [
@@ -66,7 +66,7 @@ def barycentric_at(
 def rays(
     intrinsics: Float[Array, "3 3"], cam_from_world: Float[Array, "4 4"], pixels: Float[Array, "row 2"]
 ) -> tuple[Float[Array, "3"], Float[Array, "row 3"], Float[Array, "row 3"]]:
-    """Camera centre, unit directions and moments (c x n) of the rays through pixels, in the world."""
+    """Cast rays through pixels: camera centre, unit directions and moments (c x n), in the world."""
     rotation = cam_from_world[:3, :3]
     centre = -rotation.T @ cam_from_world[:3, 3]
     ones = jnp.ones_like(pixels[:, :1])
@@ -86,8 +86,9 @@ def surface_lines(
     seen: tuple[Float[Array, "3 3"], Float[Array, "4 4"]],
     target: tuple[Float[Array, "3 3"], Float[Array, "4 4"]] | None = None,
 ) -> SurfaceLines:
-    """Rows from pixels of one view: the surface point seen at `pixels` (face `ids`, mesh at `vertices`) should be seen
-    at `targets`.
+    """Build rows from pixels of one view: what is seen at `pixels` should be seen at `targets`.
+
+    The surface points are those of faces `ids`, the mesh being at `vertices`.
 
     `seen` and `target` are (intrinsics, cam_from_world) of the two pictures; one camera for both when `target` is None.
     Pixels in full-image coordinates, centres at +0.5.

@@ -19,12 +19,12 @@ TAU = 1.0
 
 
 def covered_cost(foreground: Array, background: Array, epsilon: float | Array = 1e-3) -> Array:
-    """psi_f / (psi_b + psi_f), with `epsilon` in numerator and twice in the denominator against 0/0 (camouflage)."""
+    """Compute psi_f / (psi_b + psi_f), `epsilon` in numerator and twice in the denominator against 0/0 (camouflage)."""
     return (foreground + epsilon) / (foreground + background + 2 * epsilon)
 
 
 def uncovered_cost(background: Array, epsilon: float | Array = 1e-3) -> Array:
-    """psi_b / (psi_b + tau): in [0, 0.5] as printed."""
+    """Compute psi_b / (psi_b + tau): in [0, 0.5] as printed."""
     return (background + epsilon) / (background + TAU + 2 * epsilon)
 
 
@@ -64,7 +64,7 @@ class ModelView(AbstractTerm):
         return look_up(table.reshape(-1), rows * colours + labels).astype(jnp.float32)
 
     def pixel_costs(self, keys: Int[Array, "camera height width"], problem: FrameProblem, layout: KeyLayout) -> Array:
-        """Cost of every pixel of the rectangle (camera, height, width), before the average."""
+        """Compute the cost of every pixel of the rectangle (camera, height, width), before the average."""
         ids = layout.face(keys)
         if self.shading == "exact":
             cameras = jnp.arange(problem.num_cameras)[:, None, None]
@@ -75,7 +75,7 @@ class ModelView(AbstractTerm):
         return jnp.where(ids >= 0, covered, self._uncovered(problem.background))
 
     def prepare(self, base: Array, group: GroupProblem) -> _Prepared:
-        """The region's pictures, and the cost of the pixels around it."""
+        """Cut out the region's pictures, and sum the cost of the pixels around it."""
         frame, region = group.frame, group.region
         costs = self.pixel_costs(crop(base), frame, group.layout)
         views = range(frame.num_cameras)
@@ -122,7 +122,7 @@ class ModelView(AbstractTerm):
         return total + jnp.where(crop(buffer) > layout.empty, 0.0, prepared.uncovered[camera]).sum()
 
     def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
-        """Each face pays its share of a pixel's covered cost, and what is left pays the uncovered cost."""
+        """Let each face pay its share of a pixel's covered cost; what is left pays the uncovered cost."""
         frame, faces = drawn.frame, drawn.character.faces.T
 
         def view(view: tuple[SoftFaces, Array, Array, Array, Array]) -> Array:

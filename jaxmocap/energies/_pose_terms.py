@@ -35,13 +35,13 @@ class LandmarkRays(eqx.Module):
         return self.of(landmark_positions(character.skeleton, pose))
 
     def of(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "rows"]:
-        """The residual of landmarks that stand here, in the world."""
+        """Compute the residual of landmarks that stand here, in the world."""
         error = self.distances(landmarks)
         square = jnp.sum(error**2, axis=-1) / self.robust**2
         return (error * (jnp.sqrt(self.weight) * lax.rsqrt(1.0 + square) / self.scale)[:, None]).reshape(-1)
 
     def distances(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "row 3"]:
-        """Vectors as long as the distance from each row's point to its ray, metres, unweighted."""
+        """Compute vectors as long as the distance from each row's point to its ray, metres, unweighted."""
         return jnp.cross(self.mix @ landmarks, self.direction) - self.moment
 
 
@@ -54,9 +54,12 @@ def keypoint_rays(
     robust: float | Array = 0.1,
     table: Mapping[int, tuple[str, ...]] = BODY_25,
 ) -> LandmarkRays:
-    """A row for every keypoint of `table` in every view; x, y are pixels of the undistorted image, the third number is
-    the detector's confidence and weighs the row (0: not found). `scale` metres count as 1, beyond `robust` metres a
-    point fades. Points whose landmarks the skeleton does not have are left out."""
+    """Build a row for every keypoint of `table` in every view.
+
+    x, y are pixels of the undistorted image, the third number is the detector's confidence and weighs the row (0: not
+    found). `scale` metres count as 1, beyond `robust` metres a point fades. Points whose landmarks the skeleton does
+    not have are left out.
+    """
     names = skeleton.landmark_names
     known = {index: parts for index, parts in table.items() if all(part in names for part in parts)}
     mix = np.array([[parts.count(name) / len(parts) for name in names] for parts in known.values()], np.float32)
@@ -91,7 +94,7 @@ class Keypoints(AbstractPoseTerm):
 
 
 def bend(skeleton: Skeleton, angles: Float[Array, "... angle"]) -> Float[Array, "... angle"]:
-    """Angles of spine, neck and collar bones as shares of their limits on the side they bend to; 0 for all others."""
+    """Divide angles of spine, neck and collar bones by their limits on the side they bend to; 0 for all others."""
     counts = jnp.asarray(np.isin(np.arange(ROOT_DOFS, skeleton.num_dofs), skeleton.posture).astype(np.float32))
     limit = jnp.where(angles >= 0, skeleton.upper, -skeleton.lower)
     return counts * angles / jnp.maximum(limit, 0.1)

@@ -27,7 +27,7 @@ class SearchEnergy(eqx.Module):
     terms: tuple[AbstractTerm, ...]
 
     def reweight(self, **weights: float | Array) -> "SearchEnergy":
-        """The same energy with other weights, by term name: `energy.reweight(view_view=0.0)`."""
+        """Give the energy other weights, by term name: `energy.reweight(view_view=0.0)`."""
         names = [term.name for term in self.terms]
         for name in weights:
             if name not in names:
@@ -41,7 +41,7 @@ class SearchEnergy(eqx.Module):
         return SearchEnergy(tuple(changed))
 
     def with_capacity(self, capacity: int) -> "SearchEnergy":
-        """The same energy with so much room in every term that keeps a list of bounded length."""
+        """Give every term that keeps a list of bounded length so much room."""
         return SearchEnergy(tuple(term.with_capacity(capacity) for term in self.terms))
 
     @property
@@ -57,8 +57,10 @@ def search_energy(
     uncovered_scale: float = 1.0,
     **view_view_options: Any,
 ) -> SearchEnergy:
-    """Eq. 5: E_opt = sum_m E_mv + lambda sum_{m,n} E_vv with lambda = 0.3; without arguments the paper's. With a weight
-    for `posture` that term is added."""
+    """Build Eq. 5, E_opt = sum_m E_mv + lambda sum_{m,n} E_vv with lambda = 0.3; without arguments the paper's.
+
+    With a weight for `posture` that term is added.
+    """
     terms = (
         ModelView(weight=model_view, uncovered_scale=uncovered_scale),
         ViewView(weight=view_view, **view_view_options),
@@ -103,7 +105,7 @@ def score_particles(
     capacity: int,
     driver: Driver | None = None,
 ) -> Scores:
-    """Eq. 5 for every increment of the group's pose.
+    """Score every increment of the group's pose by Eq. 5.
 
     With the "loop" driver particles run one after the other over copies of a small key buffer: on a CPU this is far
     faster than `vmap`. With several devices the particles are shared out among them, with the same bits. With "scatter"
@@ -183,8 +185,10 @@ class SoftScore(NamedTuple):
 def soft_score(
     energy: SearchEnergy, character: Character, pose: Pose, problem: FrameProblem, settings: SoftSettings | None = None
 ) -> SoftScore:
-    """Eq. 5 of one pose with soft visibility, for `jax.grad` and `vmap`: the energy of the search in the limit of zero
-    `settings.width`, differentiable in pose, vertices, cameras, weights and colours.
+    """Score one pose by Eq. 5 with soft visibility, for `jax.grad` and `vmap`.
+
+    In the limit of zero `settings.width` it is the energy of the search. Differentiable in pose, vertices, cameras,
+    weights and colours.
 
     Every pixel is shared by the faces that cover parts of it (`soft_faces`): in Eq. 6 each pays its share of the
     covered cost and what is left pays the uncovered cost; in Eq. 7 each looks for its own partner, and near faces count

@@ -46,7 +46,7 @@ class Silhouette(AbstractTerm):
         )
 
     def score(self, prepared: _Prepared, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
-        """Mean over the views of 0.5 (XOR / model area + XOR / mask area)."""
+        """Average 0.5 (XOR / model area + XOR / mask area) over the views."""
         covered = crop(drawn.buffers) > group.layout.empty
         wrong = (covered != (prepared.mask > 0.5)).sum((1, 2)) + prepared.elsewhere_wrong + drawn.outside
         model = covered.sum((1, 2)) + prepared.elsewhere_model + drawn.outside

@@ -45,23 +45,23 @@ class AbstractTerm(eqx.Module):
     weight: eqx.AbstractVar[Float[Array, ""]]
 
     def prepare(self, base: Int[Array, "camera padded_height padded_width"], group: GroupProblem) -> Any:
-        """What all particles of a group share; `base` are the key buffers of the rest of the body."""
+        """Prepare what all particles of a group share; `base` are the key buffers of the rest of the body."""
         return ()
 
     @abc.abstractmethod
     def score(self, prepared: Any, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
-        """The term of one particle, unweighted."""
+        """Compute the term of one particle, unweighted."""
 
     def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
-        """The same with soft visibility, differentiable. Raises `ValueError` if the term has no such form."""
+        """Compute the same with soft visibility, differentiable. Raises `ValueError` if the term has no such form."""
         raise ValueError(f"the term '{self.name}' has no soft form; leave it out of the energy")
 
     def needed(self, prepared: Any) -> Int[Array, ""]:
-        """How much room the term would have needed."""
+        """Say how much room the term would have needed."""
         return jnp.zeros((), jnp.int32)
 
     def with_capacity(self, capacity: int) -> Self:
-        """The term with this much room."""
+        """Give the term this much room."""
         return self
 
 
@@ -70,7 +70,7 @@ class AbstractPoseTerm(AbstractTerm):
 
     @abc.abstractmethod
     def score_pose(self, skeleton: Skeleton, pose: Pose, frame: FrameProblem) -> Float[Array, ""]:
-        """The term of one pose, unweighted, differentiable."""
+        """Compute the term of one pose, unweighted, differentiable."""
 
     def score(self, prepared: Any, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
         return self.score_pose(group.character.skeleton, drawn.pose, group.frame)

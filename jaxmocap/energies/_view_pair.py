@@ -12,7 +12,7 @@ from jaxmocap.render import look_up
 
 
 def ordered_pairs(num_cameras: int) -> list[tuple[int, int]]:
-    """All (m, n) with m != n: E_mn is not symmetric (ambiguity A16 of the equation, read as ordered pairs)."""
+    """List all (m, n) with m != n: E_mn is not symmetric (ambiguity A16 of the equation, read as ordered pairs)."""
     return [(m, n) for m in range(num_cameras) for n in range(num_cameras) if m != n]
 
 
@@ -25,7 +25,7 @@ class PixelTransfer(NamedTuple):
 
 
 def pixel_transfer(source: Float[Array, "3 4"], target: Float[Array, "3 4"]) -> PixelTransfer:
-    """From the projections of the two views."""
+    """Build the transfer of pixels from the projections of the two views."""
     homography = target[:, :3] @ jnp.linalg.inv(source[:, :3])
     return PixelTransfer(homography, target[:, 3] - homography @ source[:, 3])
 
@@ -33,8 +33,7 @@ def pixel_transfer(source: Float[Array, "3 4"], target: Float[Array, "3 4"]) -> 
 def partner_pixels(
     columns: Array, rows: Array, inverse_depth: Array, between: PixelTransfer
 ) -> tuple[Array, Array, Array]:
-    """Where a surface point seen at pixel (column, row) of the source view with this inverse depth appears in the
-    target.
+    """Transfer surface points seen at pixels (column, row) of the source view, at this inverse depth, to the target.
 
     Exact: inverse depth is affine over a face, so this is the ray cut with the face's plane. Returns column, row and
     the scaled depth (positive in front of the target camera).
@@ -46,7 +45,7 @@ def partner_pixels(
 
 
 def are_near(near_faces: Array, first: Int[Array, "..."], second: Int[Array, "..."]) -> Bool[Array, "..."]:
-    """Geodesic test of Eq. 7 on the bit table; the two broadcast."""
+    """Test by the bit table whether faces are geodesically near (Eq. 7); the two broadcast."""
     words = look_up(near_faces.reshape(-1), first * near_faces.shape[1] + (second >> 5))
     return ((words >> (second & 31).astype(jnp.uint32)) & 1) == 1
 
@@ -54,8 +53,10 @@ def are_near(near_faces: Array, first: Int[Array, "..."], second: Int[Array, "..
 def pixels_around(
     x: Array, y: Array, width: Knob, width_of_colour: Knob
 ) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """The four pixels around a point: row, column, and weights that blend over `width` pixels (1 is bilinear, 0 the
-    nearest pixel), once for what is seen and once for its colour."""
+    """Yield the four pixels around a point: row, column, weight of what is seen there, weight of its colour.
+
+    The weights blend over `width` and `width_of_colour` pixels: 1 is bilinear, 0 the nearest pixel.
+    """
     left, top = jnp.floor(lax.stop_gradient(x)), jnp.floor(lax.stop_gradient(y))
 
     def blend(fraction: Array, over: float | Array) -> Array:

@@ -279,7 +279,7 @@ class ViewView(AbstractTerm):
         )
 
     def needed(self, prepared: _Prepared) -> Array:
-        """Largest number of far pixels, to be compared with `capacity`."""
+        """Return the largest number of far pixels, to be compared with `capacity`."""
         return jnp.zeros((), jnp.int32) if prepared.far is None else prepared.far.needed.max(initial=0)
 
     def with_capacity(self, capacity: int) -> "ViewView":
@@ -353,8 +353,10 @@ class ViewView(AbstractTerm):
         return self._pixel_cost(look_up(far.cost, slots), near, jnp.ones_like(near), jnp.ones_like(near))
 
     def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
-        """Each face that shares a pixel looks for its own partner, and near faces count by their share of the partner's
-        pixel."""
+        """Let each face that shares a pixel look for its own partner.
+
+        Near faces count by their share of the partner's pixel.
+        """
         frame = drawn.frame
         pairs = np.array(ordered_pairs(frame.num_cameras), np.int32).reshape(-1, 2)
 

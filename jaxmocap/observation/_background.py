@@ -69,14 +69,16 @@ class BackgroundModel:
         self._selected: dict[tuple[int, int], FrameFeatures] = {}
 
     def start(self) -> Background:
-        """Nothing seen yet: the next frame is the first of a sequence."""
+        """Begin a sequence with nothing seen yet: the next frame is its first."""
         return (CameraBackground(),) * self.cameras.num_cameras
 
     def distances(
         self, known: Background, shown: FrameImages, rectangle: Rectangle, pose: Pose, labels: list[np.ndarray]
     ) -> tuple[list[Float[np.ndarray, "height width"]], Background]:
-        """Psi_b in every view's rectangle, `pose` being the prediction and `labels` the palette's colours there; and
-        what is known of the background with this frame."""
+        """Compute psi_b in every view's rectangle, and what is known of the background with this frame.
+
+        `pose` is the prediction, `labels` are the palette's colours in the rectangles.
+        """
         settings = self.appearance.settings
         if settings.behind == "none":
             return [np.ones((rectangle.height, rectangle.width), np.float32) for _ in shown.images], known
@@ -98,7 +100,7 @@ class BackgroundModel:
         return [distance for distance, _ in found], tuple(after for _, after in found)
 
     def learn(self, known: Background, shown: FrameImages, rectangle: Rectangle, pose: Pose) -> Background:
-        """The background after a frame has been tracked: its clean plates show what the frame has uncovered."""
+        """Update the background after a frame has been tracked: its clean plates show what the frame has uncovered."""
         if self.appearance.settings.behind != "plate":
             return known
         people = full_image_ids(self.character, skin(self.character, pose), self.cameras, shown.frame)
@@ -129,7 +131,7 @@ class BackgroundModel:
         image: np.ndarray,
         person: Bool[np.ndarray, "height width"],
     ) -> tuple[CleanPlate, CameraBackground]:
-        """The camera's plate at a frame: warped on from the frame before, or put together from the selected ones."""
+        """Make the camera's plate at a frame: warped on from the frame before, or built from the selected ones."""
         before, settings = known.plate, self.appearance.settings
         if before is None or abs(before.frame - frame) > LONGEST_GAP:
             selected = self.appearance.selected_frames
@@ -153,7 +155,7 @@ class BackgroundModel:
         image: np.ndarray,
         person: Bool[np.ndarray, "height width"],
     ) -> tuple[GridWarp, CameraBackground]:
-        """The background grid of a selected frame warped to this frame (sec. 4.1)."""
+        """Warp the background grid of a selected frame to this frame (sec. 4.1)."""
         settings, size = self.appearance.settings, image.shape[:2]
         if frame == self.appearance.selected_frames[selected]:
             nothing = np.zeros((0, 2))

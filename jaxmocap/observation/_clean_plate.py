@@ -41,7 +41,7 @@ class CleanPlate:
     def at(
         self, frame: int, image: UInt8[np.ndarray, "height width 3"], person: Bool[np.ndarray, "height width"]
     ) -> "CleanPlate":
-        """The plate at `frame`, before that frame is learnt; `person` is where the person is expected."""
+        """Return the plate at `frame`, before that frame is learnt; `person` is where the person is expected."""
         if frame == self.frame:
             return self
         warp = neighbour_warp(self.image, self.person, image, person, self.settings)
@@ -49,13 +49,13 @@ class CleanPlate:
         return CleanPlate(self.settings, frame, plate, image, person)
 
     def distance(self, window: Window) -> Float[np.ndarray, "height width"]:
-        """psi_b in a window (rows, columns) of the image."""
+        """Compute psi_b in a window (rows, columns) of the image."""
         settings = self.settings
         plate = Plate(self.plate.picture[window], self.plate.known[window])
         return plate_distance(plate, self.image[window], settings.plate, float(settings.colour.tau))
 
     def learnt(self, person: Bool[np.ndarray, "height width"], window: Window) -> "CleanPlate":
-        """The plate after its frame has been tracked."""
+        """Return the plate after its frame has been tracked."""
         renewed = renewed_plate(self.plate, self.image, person, window, self.settings.plate)
         return CleanPlate(self.settings, self.frame, self.plate, self.image, person, renewed)
 
@@ -68,7 +68,7 @@ def neighbour_warp(
     settings: AppearanceSettings,
     growth: int = 10,
 ) -> GridWarp:
-    """The grid warped from a frame to the next one by the dense flow beside the person."""
+    """Warp the grid from a frame to the next one by the dense flow beside the person."""
     height, width = before.shape[:2]
     scale = min(1.0, LONGEST_SIDE / max(height, width))
     size = (round(width * scale), round(height * scale))

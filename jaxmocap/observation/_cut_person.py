@@ -59,7 +59,7 @@ def person_prior(
     keypoints: Float[np.ndarray, "25 3"] | None,
     settings: CutSettings | None = None,
 ) -> Bool[np.ndarray, "height width"]:
-    """The projected body and, where it is off, the limbs that keypoints (BODY_25, pixels, confidence) show."""
+    """Join the projected body and, where it is off, the limbs that keypoints (BODY_25, pixels, confidence) show."""
     settings = CutSettings() if settings is None else settings
     if keypoints is None or not silhouette.any():
         return silhouette
@@ -75,7 +75,7 @@ def person_prior(
 
 
 def signed_distance(mask: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
-    """Pixels to the outline of a mask, positive inside."""
+    """Measure the distance to a mask's outline in pixels, positive inside."""
     inside, outside = (
         cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for part in (mask, ~mask)
     )
@@ -88,8 +88,10 @@ def cut_person(
     still: Float[np.ndarray, "height width"] | None = None,
     settings: CutSettings | None = None,
 ) -> Bool[np.ndarray, "height width"]:
-    """The person's mask. `prior` is that of `person_prior`, `still` in [0, 1] that of `standing_still`. Empty where the
-    prior is."""
+    """Cut out the person's mask; empty where the prior is.
+
+    `prior` is that of `person_prior`, `still` in [0, 1] that of `standing_still`.
+    """
     settings = CutSettings() if settings is None else settings
     result = np.zeros(prior.shape, bool)
     if not prior.any():
@@ -117,8 +119,11 @@ def local_colour_evidence(
     size: float,
     settings: CutSettings,
 ) -> Float[np.ndarray, "height width"]:
-    """log p(colour | person, near here) - log p(colour | not the person, near here), from histograms whose pixels are
-    weighted by a Gaussian around each place and by how surely the prior says where they belong."""
+    """Compute log p(colour | person, near here) - log p(colour | not the person, near here).
+
+    Both are histograms whose pixels are weighted by a Gaussian around each place and by how surely the prior says where
+    they belong.
+    """
     smooth = cv2.cvtColor(cv2.GaussianBlur(picture, (0, 0), 1.0), cv2.COLOR_RGB2LAB)
     label = _quantised(smooth, settings.colours)
     inside = np.clip(distance / settings.skin, 0, 1).astype(np.float32) ** 2
@@ -185,7 +190,7 @@ def _smallest_cut(
 def _touching(
     mask: Bool[np.ndarray, "height width"], core: Bool[np.ndarray, "height width"]
 ) -> Bool[np.ndarray, "height width"]:
-    """The connected parts of a mask that reach into `core`."""
+    """Keep the connected parts of a mask that reach into `core`."""
     parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[1].astype(int)
     keep = np.zeros(parts.max() + 1, bool)
     keep[parts[core & mask]] = True

@@ -41,12 +41,12 @@ somebody else."""
 
 
 def stacked_keypoints(keypoints: Sequence[Float[np.ndarray, "25 3"] | None]) -> Float[np.ndarray, "camera 25 3"]:
-    """Keypoints of all views as one array; a view without a person has confidence 0 everywhere."""
+    """Stack the keypoints of all views in one array; a view without a person has confidence 0 everywhere."""
     return np.stack([np.zeros((25, 3)) if points is None else points for points in keypoints]).astype(np.float32)
 
 
 def expected_keypoints(character: Character, pose: Pose, view: View) -> Float[np.ndarray, "camera 25 2"]:
-    """Where a detector should see the points of `BODY_25`, in pixels; NaN for those not in it."""
+    """Predict where a detector should see the points of `BODY_25`, in pixels; NaN for those not in it."""
     names = character.skeleton.landmark_names
     places = np.asarray(landmark_positions(character.skeleton, pose))
     points = np.full((view.intrinsics.shape[0], 25, 2), np.nan)
@@ -61,7 +61,7 @@ def expected_keypoints(character: Character, pose: Pose, view: View) -> Float[np
 def nearest_person(
     people: Sequence[Float[np.ndarray, "25 3"]], expected: Float[np.ndarray, "25 2"]
 ) -> Float[np.ndarray, "25 3"] | None:
-    """The person whose points lie nearest to the expected ones in the median; None when nobody is near enough."""
+    """Find the person whose points lie nearest to the expected ones in the median; None when nobody is near enough."""
     best, found = FARTHEST * float(np.ptp(expected[np.isfinite(expected[:, 1]), 1], axis=0)), None
     for points in people:
         distance = np.linalg.norm(points[:, :2] - expected, axis=1)[(points[:, 2] > 0) & np.isfinite(expected[:, 0])]

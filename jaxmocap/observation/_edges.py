@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, UInt8
 def image_edges(
     image: UInt8[np.ndarray, "height width 3"], low: float = 50.0, high: float = 150.0, sigma: float = 1.0
 ) -> tuple[Bool[np.ndarray, "height width"], Float[np.ndarray, "height width 2"]]:
-    """Canny edges of the blurred grey image (sec. 4.2), and the unit gradient (dx, dy) from Sobel."""
+    """Find Canny edges of the blurred grey image (sec. 4.2), and the unit gradient (dx, dy) from Sobel."""
     gray = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (0, 0), sigma)
     return cv2.Canny(gray, low, high) > 0, unit_gradient(gray)
 
@@ -16,7 +16,7 @@ def image_edges(
 def background_edges(
     distance: Float[np.ndarray, "height width"], threshold: float = 0.5
 ) -> tuple[Bool[np.ndarray, "height width"], Float[np.ndarray, "height width 2"]]:
-    """Outlines of what does not look like the background: psi_b of Eq. 3, cleaned by a median, cut at `threshold`.
+    """Outline what does not look like the background: psi_b of Eq. 3, cleaned by a median, cut at `threshold`.
 
     Where clothes have strong patterns their edges outshine the silhouette's in a Canny picture; this one has none
     inside.
@@ -31,13 +31,13 @@ def background_edges(
 def mask_edges(
     mask: Bool[np.ndarray, "height width"],
 ) -> tuple[Bool[np.ndarray, "height width"], Float[np.ndarray, "height width 2"]]:
-    """The outline of a person mask as edges: its outermost pixels, and the inward unit gradient of the blurred mask."""
+    """Outline a person mask as edges: its outermost pixels, and the inward unit gradient of the blurred mask."""
     solid = mask.astype(np.uint8)
     outline = (solid > 0) & (cv2.erode(solid, np.ones((3, 3), np.uint8), borderValue=1) == 0)
     return outline, unit_gradient(cv2.GaussianBlur(solid.astype(np.float32), (0, 0), 2.0))
 
 
 def unit_gradient(gray: np.ndarray) -> Float[np.ndarray, "height width 2"]:
-    """Direction of steepest ascent per pixel, (dx, dy), zero where flat."""
+    """Compute the direction of steepest ascent per pixel, (dx, dy), zero where flat."""
     gradient = np.stack([cv2.Sobel(gray, cv2.CV_32F, 1, 0), cv2.Sobel(gray, cv2.CV_32F, 0, 1)], -1)
     return gradient / np.maximum(np.linalg.norm(gradient, axis=-1, keepdims=True), 1e-6)

@@ -59,7 +59,7 @@ class FrameFeatures:
     _found: dict[float, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, repr=False, compare=False)
 
     def at(self, scale: float) -> tuple[Float[np.ndarray, "feature 2"], Float[np.ndarray, "feature 128"]]:
-        """Pixels of the full image, and SIFT descriptors, found at an image scale."""
+        """Return what is found at an image scale: pixels of the full image, and SIFT descriptors."""
         if scale not in self._found:
             self._found[scale] = self._detect(scale)
         return self._found[scale]
@@ -86,7 +86,7 @@ def frame_features(
     growth: int,
     settings: FeatureSettings | None = None,
 ) -> FrameFeatures:
-    """Features of a frame outside a mask that is first grown by `growth` pixels."""
+    """Find features of a frame outside a mask that is first grown by `growth` pixels."""
     settings = FeatureSettings() if settings is None else settings
     return FrameFeatures(image, None if mask is None else _grown(mask, growth), settings)
 
@@ -100,7 +100,7 @@ def match_background(
     *,
     previous: tuple[UInt8[np.ndarray, "height_to width_to 3"], Matches] | None = None,
 ) -> Matches:
-    """Background points of a selected frame and where they are in another frame (Sec. 4.1, the features of [51]).
+    """Match background points of a selected frame with another frame (Sec. 4.1, the features of [51]).
 
     SIFT with a ratio test, a global epipolar check, then a local one per block. `mask_from` is the person in the
     selected frame, `mask_to` the person's prediction in the other frame; both are grown here. Pass the selected frame
@@ -162,7 +162,7 @@ def remove_foreground(
     *,
     mask_growth: int = 7,
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The selected frame `images[target]` without the person (Fig. 5). For display only.
+    """Remove the person from the selected frame `images[target]` (Fig. 5). For display only.
 
     `vertices[n]` is the grid of selected frame n warped to the target frame; None leaves that frame out, and the
     target's own is not used. The person is filled with the per-pixel median of the other warped frames where they show
@@ -194,7 +194,7 @@ def warp_image(
     vertices: Float[np.ndarray, "vertex 2"],
     grid: GridSettings | None = None,
 ) -> tuple[UInt8[np.ndarray, "height width 3"], Bool[np.ndarray, "height width"]]:
-    """An image under its warped grid (affine per triangle), and where the result comes from usable pixels."""
+    """Warp an image by its grid (affine per triangle), and mark where the result comes from usable pixels."""
     grid = GridSettings() if grid is None else grid
     height, width = image.shape[:2]
     regular = grid_vertices(height, width, grid.rows, grid.columns)
@@ -216,7 +216,7 @@ def _lucas_kanade(first: np.ndarray, second: np.ndarray, start: np.ndarray) -> t
 
 
 def _grown(mask: np.ndarray, growth: int) -> Bool[np.ndarray, "height width"]:
-    """A mask and every pixel within `growth` of it."""
+    """Grow a mask by every pixel within `growth` of it."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * growth + 1, 2 * growth + 1))
     return cv2.dilate((np.asarray(mask) != 0).astype(np.uint8), kernel) > 0
 
@@ -245,7 +245,7 @@ def _inliers(matches: Matches, settings: FeatureSettings, method: int) -> np.nda
 
 
 def _consistent(matches: Matches, shape: tuple[int, ...], settings: FeatureSettings) -> Matches:
-    """Matches that agree with a global model and with their block."""
+    """Keep the matches that agree with a global model and with their block."""
     points_from, points_to = matches
     if len(points_from) < 8:
         return np.zeros((0, 2)), np.zeros((0, 2))

@@ -16,7 +16,7 @@ _PRESETS = {
 def dense_flow(
     first: UInt8[np.ndarray, "height width"], second: UInt8[np.ndarray, "height width"], preset: str = "medium"
 ) -> Float[np.ndarray, "height width 2"]:
-    """DIS optical flow (Kroeger et al. 2016): `first(p)` is found at `p + flow(p)` in `second`, pixels (dx, dy)."""
+    """Compute DIS optical flow (Kroeger et al. 2016): `first(p)` is at `p + flow(p)` in `second`, pixels (dx, dy)."""
     pair = np.ascontiguousarray(first), np.ascontiguousarray(second)
     method: Any = cv2.DISOpticalFlow.create(_PRESETS[preset])  # its stub does not know that no flow may be given
     return method.calc(*pair, None)
@@ -25,7 +25,7 @@ def dense_flow(
 def flow_agrees(
     forward: Float[np.ndarray, "height width 2"], backward: Float[np.ndarray, "height width 2"], slack: float = 0.5
 ) -> Bool[np.ndarray, "height width"]:
-    """Forward-backward check of Sundaram, Brox, Keutzer 2010: |F + B(p + F)|^2 < 0.01 (|F|^2 + |B|^2) + slack."""
+    """Check flow both ways (Sundaram, Brox, Keutzer 2010): |F + B(p + F)|^2 < 0.01 (|F|^2 + |B|^2) + slack."""
     height, width = forward.shape[:2]
     x, y = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
     there = x + forward[..., 0], y + forward[..., 1]
@@ -34,12 +34,12 @@ def flow_agrees(
 
 
 def squared_length(flow: Float[np.ndarray, "height width 2"]) -> Float[np.ndarray, "height width"]:
-    """Square of a flow's length, pixels^2."""
+    """Square a flow's length, pixels^2."""
     return flow[..., 0] ** 2 + flow[..., 1] ** 2
 
 
 def sample_picture(picture: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Bilinear samples of a picture at pixel positions whose first pixel centre is (0.5, 0.5)."""
+    """Sample a picture bilinearly at pixel positions; the centre of its first pixel is (0.5, 0.5)."""
     return cv2.remap(
         picture,
         (columns - 0.5).astype(np.float32),

@@ -49,12 +49,12 @@ class LightMeter(NamedTuple):
 
     @staticmethod
     def begin(image: UInt8[np.ndarray, "height width 3"], settings: LightSettings) -> "LightMeter":
-        """The picture whose light is the measure of all others."""
+        """Take the light of this picture as the measure of all others."""
         small = _small(image, settings.width)
         return LightMeter(small, np.zeros(3), small, np.zeros(3))
 
     def at(self, image: UInt8[np.ndarray, "height width 3"], settings: LightSettings) -> "LightMeter":
-        """The meter after the next picture. Where nothing can be compared the light stays."""
+        """Read the light of the next picture. Where nothing can be compared it stays."""
         small = _small(image, settings.width)
         change, shared = light_change(self.anchor, small)
         if shared >= settings.overlap:
@@ -64,7 +64,7 @@ class LightMeter(NamedTuple):
         return LightMeter(self.last, self.light, small, light)
 
     def factors(self, settings: LightSettings) -> Float[np.ndarray, "3"]:
-        """What the picture has to be divided by, per channel; 1 in steady light."""
+        """Compute what the picture has to be divided by, per channel; 1 in steady light."""
         size = np.abs(self.light)
         return np.exp(np.sign(self.light) * np.clip(2 * (size - settings.still), 0, size))
 
@@ -72,7 +72,7 @@ class LightMeter(NamedTuple):
 def light_change(
     before: UInt8[np.ndarray, "rows columns 3"], after: UInt8[np.ndarray, "rows columns 3"]
 ) -> tuple[Float[np.ndarray, "3"], float]:
-    """Median change of the logarithm per channel over the surroundings that both pictures show, and their share."""
+    """Take the median change of the log of each channel over the surroundings both pictures show, and their share."""
     first, second = (cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in (before, after))
     gain = max(float(np.median(first)), 1.0) / max(float(np.median(second)), 1.0)
     second = np.clip(second * gain, 0, 255).astype(np.uint8)
@@ -91,7 +91,7 @@ def light_change(
 def relit(
     images: Sequence[UInt8[np.ndarray, "height width 3"]], factors: Float[np.ndarray, "camera 3"]
 ) -> list[UInt8[np.ndarray, "height width 3"]]:
-    """The images divided by a factor per camera and channel; those of factor 1 as they are."""
+    """Divide the images by a factor per camera and channel; those of factor 1 stay as they are."""
     levels = np.arange(256)[:, None]
     tables = [np.rint(np.clip(levels / factor, 0, 255)).astype(np.uint8)[None] for factor in factors]
     pairs = zip(images, factors, tables, strict=True)
@@ -106,7 +106,7 @@ def _small(image: np.ndarray, width: int) -> UInt8[np.ndarray, "rows columns 3"]
 def lit_apart(
     images: Sequence[UInt8[np.ndarray, "height width 3"]], before: Sequence[UInt8[np.ndarray, "height width 3"]]
 ) -> bool:
-    """Whether, in any view, half of the blocks of some band have become much brighter or darker."""
+    """Tell whether, in any view, half of the blocks of some band have become much brighter or darker."""
     return any(
         np.abs(np.median(_brightness(now) - _brightness(then), axis=1)).max() > JUMP
         for now, then in zip(images, before, strict=True)

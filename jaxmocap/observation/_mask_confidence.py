@@ -46,7 +46,7 @@ def mask_confidence(
     still: Float[np.ndarray, "height width"] | None = None,
     settings: CutSettings | None = None,
 ) -> MaskConfidence:
-    """Confidence of a mask that `cut_person` found with this prior, the body being projected to `silhouette`."""
+    """Judge a mask that `cut_person` found with this prior, the body being projected to `silhouette`."""
     if not mask.any() or not prior.any():
         return MaskConfidence(0.0, 0.0, 0.0)
     far, size = signed_distance(prior), np.sqrt(prior.sum())
@@ -59,7 +59,7 @@ def mask_confidence(
 
 
 def outline_contrast(image: UInt8[np.ndarray, "height width 3"], mask: Bool[np.ndarray, "height width"]) -> float:
-    """Mean strength of edges (Sobel in CIELAB) on a mask's outline over that of a band beside it, less 1."""
+    """Divide the mean edge strength (Sobel in CIELAB) on a mask's outline by that of a band beside it, less 1."""
     far, size = np.abs(signed_distance(mask)), float(np.sqrt(max(mask.sum(), 1)))
     blur = float(np.clip(0.01 * size, 0.7, 1.5))
     smooth = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2LAB), (0, 0), blur).astype(np.float32)

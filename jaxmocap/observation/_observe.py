@@ -33,7 +33,7 @@ class Registered(Protocol):
 
 
 def key_poses_of(registrations: Mapping[int, Registered] | Mapping[int, Pose]) -> dict[int, Pose]:
-    """The poses of registered frames."""
+    """Return the poses of registered frames."""
     return {frame: r if isinstance(r, Pose) else r.pose for frame, r in registrations.items()}
 
 
@@ -72,7 +72,7 @@ class Observations:
         )
 
     def with_key_pose(self, frame: int, pose: Pose) -> "Observations":
-        """The observations with another registered pose at a selected frame; these stay as they are."""
+        """Replace the registered pose at a selected frame in a copy of these observations."""
         other = copy.copy(self)
         other.key_poses = self.key_poses | {frame: pose}
         other.background = other._background()
@@ -96,7 +96,7 @@ class Observations:
         background: Background,
         edges: EdgeSource = "canny",
     ) -> tuple[Frame, Background]:
-        """One frame as arrays, `pose` being the prediction, and what is known of the background with it."""
+        """Observe one frame as arrays, `pose` being the prediction, and what is known of the background with it."""
         vertices = np.asarray(skin(self.character, pose))
         labels = [
             np.asarray(label_image(self.appearance.palette, rectangle.crop(image, camera)))
@@ -121,11 +121,11 @@ class Observations:
     def problem(
         self, shown: FrameImages, rectangle: Rectangle, pose: Pose, edges: EdgeSource = "canny"
     ) -> FrameProblem:
-        """One frame as arrays, by itself: its background is that of the selected frames."""
+        """Observe one frame as arrays, by itself: its background is that of the selected frames."""
         return self.observe(shown, rectangle, pose, self.background.start(), edges)[0].problem
 
     def _detected(self, frame: int, pose: Pose) -> Float[np.ndarray, "camera 25 3"] | None:
-        """The detections of the person whom `pose` predicts."""
+        """Choose the detections of the person whom `pose` predicts."""
         if self.detections is None:
             return None
         people = [self.detections.people(camera, frame) for camera in range(self.cameras.num_cameras)]

@@ -64,8 +64,10 @@ class FrameProblem(eqx.Module):
         return self.intrinsics @ self.cam_from_world[:, :3]
 
     def coarser(self, step: int) -> "FrameProblem":
-        """Every `step`-th pixel centre (point samples rank poses better than box-blurred images). `origins` and the
-        rectangle must be multiples of `step`."""
+        """Keep every `step`-th pixel centre: point samples rank poses better than box-blurred images.
+
+        `origins` and the rectangle must be multiples of `step`.
+        """
         if step == 1:
             return self
         first = step // 2
@@ -138,7 +140,7 @@ class FrameImages(NamedTuple):
     light: Float[np.ndarray, "camera 3"] | None = None
 
     def in_light(self, factors: Float[np.ndarray, "camera 3"]) -> "FrameImages":
-        """The frame as decoded, with its images divided by these factors."""
+        """Divide the decoded images by these factors."""
         return self._replace(images=relit(self.images, factors), light=factors)
 
 
@@ -160,12 +162,12 @@ class Frame(NamedTuple):
         return self.shown.timestamp
 
     def crops(self) -> list[UInt8[np.ndarray, "height width 3"]]:
-        """The rectangle of every view's image."""
+        """Crop every view's image to its rectangle."""
         return [self.rectangle.crop(image, camera) for camera, image in enumerate(self.shown.images)]
 
 
 def draw(character: Character, pose: Pose, problem: FrameProblem) -> tuple[Array, Array, Array]:
-    """Posed vertices, face ids and inverse depth in the rectangle."""
+    """Draw the body in the rectangle: posed vertices, face ids and inverse depth."""
     vertices = skin(character, pose)
     height, width = problem.size
     ids, inverse = face_ids(
@@ -177,7 +179,7 @@ def draw(character: Character, pose: Pose, problem: FrameProblem) -> tuple[Array
 def full_image_ids(
     character: Character, vertices: Float[Array, "vertex 3"], cameras: Cameras, frame: int
 ) -> list[np.ndarray]:
-    """Face numbers over the whole image of every camera, -1 where the mesh is not seen."""
+    """Draw face numbers over the whole image of every camera, -1 where the mesh is not seen."""
     view = cameras.at(frame)
     intrinsics, cam_from_world = np.asarray(view.intrinsics), np.asarray(view.cam_from_world)
     result = []

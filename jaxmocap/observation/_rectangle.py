@@ -31,11 +31,11 @@ class Rectangle:
         return self.height, self.width
 
     def crop(self, image: np.ndarray, camera: int) -> np.ndarray:
-        """The rectangle of one view's image."""
+        """Crop one view's image to its rectangle."""
         return image[self.window(camera)]
 
     def window(self, camera: int) -> tuple[slice, slice]:
-        """Rows and columns of one view's rectangle in the full image."""
+        """Return rows and columns of one view's rectangle in the full image."""
         row, column = (int(start) for start in self.origins[camera])
         return slice(row, row + self.height), slice(column, column + self.width)
 
@@ -45,7 +45,7 @@ def projected_box(
     intrinsics: Float[np.ndarray, "3 3"],
     cam_from_world: Float[np.ndarray, "4 4"],
 ) -> Float[np.ndarray, "4"] | None:
-    """Bounding box (left, top, right, bottom) in pixels, or None when nothing lies in front of the camera."""
+    """Find the bounding box (left, top, right, bottom) in pixels; None when nothing lies in front of the camera."""
     local = vertices @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
     local = local[local[:, 2] > 0.05]
     if not len(local):
@@ -62,8 +62,9 @@ def place_rectangle(
     previous: Rectangle | None = None,
     names: tuple[str, ...] = (),
 ) -> Rectangle:
-    """Boxes of the predicted silhouette, widened by the larger of 10 % of their size, 1.5 times the mean flow and 20
-    pixels, on a common size that never shrinks within a sequence.
+    """Widen the boxes of the predicted silhouette and give them a common size that never shrinks within a sequence.
+
+    They are widened by the larger of 10 % of their size, 1.5 times the mean flow and 20 pixels.
 
     Raises `InputError` when a box lies entirely outside its image: the character left that camera's view.
     """
@@ -105,7 +106,7 @@ def frame_rectangle(
     previous: Rectangle | None = None,
     speed: np.ndarray | None = None,
 ) -> Rectangle:
-    """The rectangle around a posed mesh in every view."""
+    """Place the rectangle around a posed mesh in every view."""
     view = cameras.at(frame)
     intrinsics, cam_from_world = np.asarray(view.intrinsics), np.asarray(view.cam_from_world)
     boxes = []

@@ -16,8 +16,9 @@ def standing_still(
     person: Bool[np.ndarray, "height width"],
     others: Sequence[UInt8[np.ndarray, "height width 3"]],
 ) -> Float[np.ndarray, "height width"]:
-    """Per pixel, how surely it shows the background, in [0, 1]: in how many `others` the same colour is at the same
-    place, three being enough.
+    """Measure per pixel, in [0, 1], how surely it shows the background.
+
+    That is in how many `others` the same colour is at the same place, three being enough.
 
     Each picture is laid over `image` by the homography of its SIFT matches (RANSAC), which `person` takes no part in.
     Parallax makes pixels differ and so says nothing. A plain dark shirt looks the same wherever it moves: inside the

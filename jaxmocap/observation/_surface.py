@@ -25,7 +25,7 @@ class Clusters(eqx.Module):
     settings: ColourSettings
 
     def distance(self, camera: Int[Array, "*#n"], face: Int[Array, "*#n"], colour: Float[Array, "*#n 3"]) -> Array:
-        """psi_f of Eq. 3, exactly."""
+        """Compute psi_f of Eq. 3, exactly."""
         gap = colour[..., None, :] - self.means[camera, face]
         each = distance(gap, self.whiten[camera, face], self.offset[camera, face], self.settings)
         return jnp.minimum(each.min(-1), self.settings.tau)
@@ -47,7 +47,10 @@ class Surface(eqx.Module):
 
 
 def surface_of(character: Character, appearance: Appearance | None, num_cameras: int) -> Surface:
-    """The character's tables for scoring. Without an appearance (registration) every face is at distance tau."""
+    """Make the character's tables for scoring.
+
+    Without an appearance (registration) every face is at distance tau.
+    """
     faces = np.asarray(character.faces)
     near = jax.device_put(pack_rows(faces_within(faces, GEODESIC_STEPS)))
     if appearance is None:
@@ -73,8 +76,10 @@ def _clusters(
 def simplified_surface(
     surface: Surface, faces: Int[np.ndarray, "simple 3"], nearest: Int[np.ndarray, "face"]
 ) -> Surface:
-    """The tables of a simplified mesh (`character.simplify`): a face is as near to a colour as the nearest of the faces
-    it stands for, and geodesic steps are longer."""
+    """Make the tables of a simplified mesh (`character.simplify`).
+
+    A face is as near to a colour as the nearest of the faces it stands for, and geodesic steps are longer.
+    """
     count, order = len(faces), np.argsort(nearest, kind="stable")
     present, first = np.unique(nearest[order], return_index=True)
     tables, mean_colour = np.asarray(surface.colour_distance), np.asarray(surface.mean_colour)
