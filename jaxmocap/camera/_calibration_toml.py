@@ -61,8 +61,9 @@ def _freemocap_unit(document: dict[str, Any], sections: dict[str, dict], label: 
 
 
 def read_calibration_toml(text: str, names: tuple[str, ...], label: str) -> tuple[list[StaticCamera], float | None]:
-    """The cameras called `names`, in that order (a section's `name`, else the section's own title), and metres per unit
-    where the file settles it.
+    """Read the cameras called `names`, in that order, and metres per unit where the file settles it.
+
+    A name is a section's `name`, else the section's own title.
 
     Sections of other cameras are ignored, since a rig's calibration may cover more cameras than a capture uses.
     The principal point is moved by half a pixel to our convention.
@@ -98,13 +99,13 @@ def _section(index: int, camera: WrittenCamera, unit: float) -> Iterator[str]:
 
 
 def aniposelib_text(cameras: list[WrittenCamera]) -> str:
-    """A calibration as aniposelib and Pose2Sim write and read it, in metres."""
+    """Write a calibration as aniposelib and Pose2Sim write and read it, in metres."""
     parts = ["\n".join([*_section(index, camera, 1.0), "fisheye = false", ""]) for index, camera in enumerate(cameras)]
     return "\n".join([*parts, "[metadata]", "adjusted = false", "error = 0.0", ""])
 
 
 def freemocap_text(cameras: list[WrittenCamera]) -> str:
-    """A calibration as FreeMoCap writes and reads it, in millimetres."""
+    """Write a calibration as FreeMoCap writes and reads it, in millimetres."""
     parts = []
     for index, camera in enumerate(cameras):
         position = -camera.rotation.T @ camera.translation / _MILLIMETRE

@@ -48,13 +48,13 @@ class Cameras(eqx.Module):
         return self.cam_from_world.shape[1]
 
     def at(self, frame: int) -> View:
-        """All cameras at one frame. A Python `frame` outside the capture is an `IndexError`."""
+        """Return all cameras at one frame. A Python `frame` outside the capture is an `IndexError`."""
         if isinstance(frame, int) and not 0 <= frame < self.num_frames:
             raise IndexError(f"frame {frame} is outside 0..{self.num_frames - 1}")
         return View(self.intrinsics, self.cam_from_world[:, frame])
 
     def resized(self, sizes: tuple[tuple[int, int], ...]) -> "Cameras":
-        """The same cameras with pictures of other (width, height), which see as much."""
+        """Scale the cameras to pictures of other (width, height), which see as much."""
         if sizes == self.sizes:
             return self
         factors = jnp.array(sizes) / jnp.array(self.sizes)
@@ -62,13 +62,13 @@ class Cameras(eqx.Module):
         return replace(self, sizes=sizes, intrinsics=self.intrinsics * scale)
 
     def centres(self) -> Float[Array, "camera frame 3"]:
-        """Optical centres in the world, metres: -R^T t."""
+        """Compute the optical centres in the world, metres: -R^T t."""
         rotation, translation = self.cam_from_world[..., :3, :3], self.cam_from_world[..., :3, 3]
         return -jnp.sum(rotation * translation[..., :, None], axis=-2)
 
 
 def _away_from_zero(depth: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The depth, kept off zero so that neither value nor gradient overflows."""
+    """Keep the depth off zero so that neither value nor gradient overflows."""
     return jnp.where(jnp.abs(depth) < _SMALLEST_DEPTH, _SMALLEST_DEPTH, depth)
 
 

@@ -51,7 +51,7 @@ _READABLE = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV
 
 
 def intrinsics_of(camera: ColmapCamera, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """The matrix K and the five distortion coefficients k1 k2 p1 p2 k3 of one COLMAP camera."""
+    """Read the matrix K and the five distortion coefficients k1 k2 p1 p2 k3 of one COLMAP camera."""
     if camera.model not in _READABLE.split(", "):
         raise InputError(
             f"{where} uses the camera model {camera.model}, which is not supported; expected one of {_READABLE}: "
@@ -74,7 +74,7 @@ def intrinsics_of(camera: ColmapCamera, where: str) -> tuple[np.ndarray, np.ndar
 
 
 def colmap_files(folder: Path) -> tuple[Path, Path] | None:
-    """The cameras and images file of a model folder, or None; the binary form goes first, as in COLMAP."""
+    """Find the cameras and images file of a model folder, or None; the binary form goes first, as in COLMAP."""
     for suffix in ("bin", "txt"):
         pair = folder / f"cameras.{suffix}", folder / f"images.{suffix}"
         if all(file.is_file() for file in pair):

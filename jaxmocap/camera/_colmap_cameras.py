@@ -80,7 +80,9 @@ def _rotation(quaternion: np.ndarray, where: str) -> np.ndarray:
 
 
 def from_colmap(model: ColmapModel, names: tuple[str, ...], frames: np.ndarray) -> tuple[list, np.ndarray]:
-    """Per camera (size, K, distortion, where the model says so), and poses (camera, frame, 4, 4) in the model's units.
+    """Read per camera (size, K, distortion, where the model says so), and the poses.
+
+    Poses are (camera, frame, 4, 4), in the model's units.
 
     `frames (camera, frame)` are the numbers of the images.
     """
@@ -180,7 +182,7 @@ def write_colmap_text(
 
 
 def write_colmap_binary(cameras: Cameras, folder: Path, frames: Int[np.ndarray, "camera frame"] | None = None) -> None:
-    """As `write_colmap_text`, in COLMAP's binary form, which keeps every digit."""
+    """Write what `write_colmap_text` does in COLMAP's binary form, which keeps every digit."""
     folder = Path(folder)
     described = _camera_models(cameras)
     number = {name: model for model, (name, _) in MODELS.items()}

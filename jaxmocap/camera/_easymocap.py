@@ -36,7 +36,7 @@ _COUNTS = tuple(shape for count in (4, 5, 8, 12, 14) for shape in ((1, count), (
 
 
 def easymocap_files(folder: Path) -> tuple[Path, Path] | None:
-    """The intrinsics and extrinsics of a folder, or None if it has neither. Raises `InputError` if one is missing."""
+    """Find the intrinsics and extrinsics of a folder; None if it has neither. Raises `InputError` if one is missing."""
     intrinsics, extrinsics = folder / FILES[0], folder / FILES[1]
     there = [file for file in (intrinsics, extrinsics) if file.is_file()]
     if len(there) == 1:
@@ -55,7 +55,7 @@ def _names(document: dict[str, Any], label: str) -> list[str]:
 
 
 def _rename(document: dict[str, Any], name: str) -> dict[str, Any]:
-    """The entries `<key>_<name>` of one camera as `<key>`."""
+    """Rename the entries `<key>_<name>` of one camera to `<key>`."""
     return {key.removesuffix(f"_{name}"): value for key, value in document.items() if key.endswith(f"_{name}")}
 
 
@@ -79,7 +79,7 @@ def _camera(inside: dict[str, Any], outside: dict[str, Any], where: tuple[str, s
 
 
 def read_easymocap(files: tuple[Path, Path], names: tuple[str, ...]) -> list[StaticCamera]:
-    """The cameras called `names`, in that order."""
+    """Read the cameras called `names`, in that order."""
     labels = [f"{file.parent.name}/{file.name}" for file in files]
     documents = [read_storage(read_text(file, label), label) for file, label in zip(files, labels, strict=True)]
     for document, label in zip(documents, labels, strict=True):
@@ -100,7 +100,7 @@ def _matrix(key: str, value: np.ndarray) -> Iterator[str]:
 
 
 def easymocap_texts(cameras: list[WrittenCamera]) -> dict[str, str]:
-    """File name -> text. Raises `InputError` for a name that the form cannot hold."""
+    """Write one text per file name. Raises `InputError` for a name that the form cannot hold."""
     from scipy.spatial.transform import Rotation
 
     for camera in cameras:

@@ -21,7 +21,10 @@ _NO_NUMBERS = {".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 
 
 def parse_xml(text: str, label: str) -> ElementTree.Element:
-    """The root of an XML text. Raises `InputError` for one that is malformed, nested too deeply or defines entities."""
+    """Parse an XML text and return its root.
+
+    Raises `InputError` for a text that is malformed, nested too deeply or defines entities.
+    """
     if "<!" in text.replace("<!--", ""):
         raise InputError(f"{label} has a DOCTYPE or entities, which are not read; expected plain XML: remove them")
     depth, root = 0, None
@@ -38,7 +41,7 @@ def parse_xml(text: str, label: str) -> ElementTree.Element:
 
 
 def _scalar(word: str) -> int | float | str:
-    """A number, also as OpenCV writes those that are none, or a string."""
+    """Read a number, also as OpenCV writes those that are none, or a string."""
     for kind in (int, float):
         try:
             return kind(word)
@@ -48,7 +51,7 @@ def _scalar(word: str) -> int | float | str:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A map, each key of which must be there once."""
+    """Build a map, each key of which must be there once."""
     keys = [key for key, _ in pairs]
     if len(set(keys)) < len(keys):
         raise ValueError(f"it has {next(key for key in keys if keys.count(key) > 1)} twice")
@@ -56,7 +59,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _from_element(element: ElementTree.Element) -> Any:
-    """A map, a sequence (its members are called `_`), numbers and strings separated by blanks, or one of these."""
+    """Read an element as a map, a sequence (members called `_`), or numbers and strings separated by blanks."""
     if len(element):
         if all(child.tag == "_" for child in element):
             return [_from_element(child) for child in element]
@@ -68,8 +71,10 @@ def _from_element(element: ElementTree.Element) -> Any:
 
 
 def _from_yaml(text: str) -> Any:
-    """The events of a YAML text as plain values: no tag constructs anything, and aliases, which could let a text grow,
-    are refused."""
+    """Read the events of a YAML text as plain values.
+
+    No tag constructs anything; aliases, which could let a text grow, are refused.
+    """
     import yaml
 
     def value(event: yaml.Event, depth: int = 0) -> Any:
@@ -106,7 +111,7 @@ def _from_yaml(text: str) -> Any:
 
 
 def _matrices(value: Any) -> Any:
-    """Maps with rows, cols and data become matrices, as lists of rows."""
+    """Turn maps with rows, cols and data into matrices, as lists of rows."""
     if isinstance(value, list):
         return [_matrices(item) for item in value]
     if not isinstance(value, dict):
@@ -123,7 +128,7 @@ def _matrices(value: Any) -> Any:
 
 
 def read_storage(text: str, label: str) -> dict[str, Any]:
-    """The content of a FileStorage: maps, lists, numbers, strings, and matrices as lists of rows.
+    """Read a FileStorage: maps, lists, numbers, strings, and matrices as lists of rows.
 
     Raises `InputError` for a text that is not whole, and for XML that defines entities.
     """

@@ -79,7 +79,7 @@ def _sections(document: dict[str, Any], stem: str) -> list[tuple[str, dict[str, 
 
 
 def read_opencv(document: dict[str, Any], names: tuple[str, ...], label: str) -> list[StaticCamera]:
-    """The cameras called `names`, in that order, from one FileStorage."""
+    """Read the cameras called `names`, in that order, from one FileStorage."""
     sections = _sections(document, Path(label).stem)
     check_names(names, [name for name, _ in sections], label)
     by_name = dict(sections)
@@ -87,7 +87,7 @@ def read_opencv(document: dict[str, Any], names: tuple[str, ...], label: str) ->
 
 
 def opencv_files(folder: Path, names: tuple[str, ...]) -> dict[str, Path] | None:
-    """A file `<camera>.yml`, `.yaml`, `.xml` or `.json` for each camera, or None if there is none at all."""
+    """Find a file `<camera>.yml`, `.yaml`, `.xml` or `.json` for each camera, or None if there is none at all."""
     found = {
         name: folder / f"{name}{suffix}"
         for name in names
@@ -101,7 +101,7 @@ def opencv_files(folder: Path, names: tuple[str, ...]) -> dict[str, Path] | None
 
 
 def read_opencv_files(files: Mapping[str, Path], names: tuple[str, ...]) -> list[StaticCamera]:
-    """The cameras called `names` from a file each."""
+    """Read the cameras called `names` from a file each."""
     cameras = []
     for name in names:
         label = f"{files[name].parent.name}/{files[name].name}"
@@ -110,8 +110,10 @@ def read_opencv_files(files: Mapping[str, Path], names: tuple[str, ...]) -> list
 
 
 def opencv_text(cameras: list[WrittenCamera], suffix: str) -> str:
-    """One section per camera with `name`, `camera_matrix`, `distortion_coefficients`, `image_width`, `image_height`,
-    `R` and `T` in metres, as YAML, XML or JSON by `suffix`."""
+    """Write one section per camera, as YAML, XML or JSON by `suffix`.
+
+    It has `name`, `camera_matrix`, `distortion_coefficients`, `image_width`, `image_height`, `R`, and `T` in metres.
+    """
     import cv2
 
     storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)

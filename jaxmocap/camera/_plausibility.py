@@ -21,7 +21,7 @@ def intrinsics_problems(
     distortion: Float[np.ndarray, " 5"],
     where: str,
 ) -> list[str]:
-    """What is wrong with one camera's size, K and distortion; `video` is the size of its video where known."""
+    """List what is wrong with one camera's size, K and distortion; `video` is the size of its video where known."""
     problems = []
     if not ((np.abs(k) < _LARGEST).all() and (np.abs(distortion) < _LARGEST).all()):
         problems.append(
@@ -43,7 +43,7 @@ def intrinsics_problems(
 
 
 def rotation_problem(rotation: Float[np.ndarray, "3 3"], where: str) -> str | None:
-    """Why a matrix is no rotation, or None."""
+    """Say why a matrix is no rotation, or None."""
     if not np.isfinite(rotation).all():
         return f"{where}: the rotation is not finite"
     if np.linalg.det(rotation) < 0:
@@ -64,7 +64,9 @@ def scale_problem(
     metres_per_unit: float,
     fixed: bool = False,
 ) -> list[str]:
-    """Cameras that film one person stand centimetres to tens of metres apart: other distances are other units.
+    """Say whether the cameras' distances suggest other units.
+
+    Cameras that film one person stand centimetres to tens of metres apart.
 
     `fixed`: the form of the file settles its units, so that capture.toml cannot.
     """

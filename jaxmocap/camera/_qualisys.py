@@ -74,7 +74,7 @@ def _camera(element: Any, where: str) -> StaticCamera:
 
 
 def read_qualisys(text: str, names: tuple[str, ...], label: str) -> list[StaticCamera]:
-    """The cameras with these serial numbers, in that order; lengths in millimetres."""
+    """Read the cameras with these serial numbers, in that order; lengths in millimetres."""
     root = parse_xml(text, label)
     elements = [element for element in root.iter("camera") if "serial" in element.attrib]
     check_names(names, [element.attrib["serial"] for element in elements], label)
@@ -83,8 +83,11 @@ def read_qualisys(text: str, names: tuple[str, ...], label: str) -> list[StaticC
 
 
 def qualisys_text(cameras: list[WrittenCamera]) -> str:
-    """A calibration as `read_qualisys` reads it, and Pose2Sim, but for the distortion. It lacks what only QTM knows:
-    residuals, the wand, and the focal lengths in millimetres, which would take the pitch of the sensor."""
+    """Write a calibration that `read_qualisys` reads, and Pose2Sim except for the distortion.
+
+    It lacks what only QTM knows: residuals, the wand, and the focal lengths in millimetres, which would take the pitch
+    of the sensor.
+    """
     root = ElementTree.Element("calibration", {"calibrated": "true", "source": "jaxmocap", "type": "regular"})
     listed = ElementTree.SubElement(root, "cameras")
     for camera in cameras:

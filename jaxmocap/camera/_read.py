@@ -22,7 +22,7 @@ from ._static_camera import StaticCamera, read_text
 
 
 def _static_files(path: Path, names: tuple[str, ...]) -> tuple[list[StaticCamera], float | None]:
-    """Static cameras from a calibration told by its content, and metres per unit where its form settles that."""
+    """Read static cameras from a calibration told by its content, and metres per unit where its form settles that."""
     if path.is_dir():
         pair = easymocap_files(path)
         if pair is not None:

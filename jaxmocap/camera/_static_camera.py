@@ -50,7 +50,10 @@ class WrittenCamera(NamedTuple):
 
 
 def read_text(path: Path, label: str) -> str:
-    """The text of a calibration file. Raises `InputError` for one that is absurdly large, a pickle or not UTF-8."""
+    """Read the text of a calibration file.
+
+    Raises `InputError` for one that is absurdly large, a pickle or not UTF-8.
+    """
     try:
         size = path.stat().st_size
         if size > _LARGEST_FILE:
@@ -77,7 +80,7 @@ def read_text(path: Path, label: str) -> str:
 def numbers(
     section: Mapping[str, Any], keys: str | tuple[str, ...], where: str, shapes: tuple[tuple[int, ...], ...]
 ) -> np.ndarray:
-    """The array under the first of these keys that is there, with one of these shapes."""
+    """Read the array under the first of these keys that is there, with one of these shapes."""
     keys = (keys,) if isinstance(keys, str) else keys
     expected = " or ".join("x".join(map(str, shape)) for shape in shapes)
     key = next((key for key in keys if key in section), None)
@@ -94,7 +97,7 @@ def numbers(
 
 
 def rotation_matrix(value: np.ndarray, where: str, key: str = "rotation") -> Float[np.ndarray, "3 3"]:
-    """A rotation given as a vector (Rodrigues) or as a matrix, nested or flat, row by row."""
+    """Read a rotation given as a vector (Rodrigues) or as a matrix, nested or flat, row by row."""
     from scipy.spatial.transform import Rotation
 
     if not np.isfinite(value).all():
@@ -103,7 +106,7 @@ def rotation_matrix(value: np.ndarray, where: str, key: str = "rotation") -> Flo
 
 
 def one_rotation(found: Mapping[str, np.ndarray], where: str) -> Float[np.ndarray, "3 3"]:
-    """The rotation that a file gives under several keys, as vectors or matrices, which must agree."""
+    """Read the rotation that a file gives under several keys, as vectors or matrices, which must agree."""
     rotations = {key: rotation_matrix(value, where, key) for key, value in found.items()}
     first = next(iter(rotations))
     for key, rotation in rotations.items():
@@ -116,7 +119,7 @@ def one_rotation(found: Mapping[str, np.ndarray], where: str) -> Float[np.ndarra
 
 
 def five_coefficients(value: np.ndarray, where: str, key: str = "distortions") -> Float[np.ndarray, "5"]:
-    """k1 k2 p1 p2 k3 of a distortion in OpenCV's order, whose further coefficients must be 0."""
+    """Read k1 k2 p1 p2 k3 of a distortion in OpenCV's order, whose further coefficients must be 0."""
     value = value.ravel()
     if value[5:].any():
         raise InputError(f"{where}: {key} beyond k1 k2 p1 p2 k3 must be 0, found {value[5:].tolist()}")
@@ -124,7 +127,7 @@ def five_coefficients(value: np.ndarray, where: str, key: str = "distortions") -
 
 
 def pinhole(matrix: np.ndarray, where: str, key: str = "matrix") -> Float[np.ndarray, "3 3"]:
-    """K in our convention from K in OpenCV's, which must have the form of one."""
+    """Convert K from OpenCV's convention to ours, checking its form."""
     if not np.allclose(matrix[2], [0, 0, 1]) or matrix[1, 0] != 0 or matrix[0, 1] != 0:
         raise InputError(
             f"{where}: {key} must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], found {matrix.tolist()}; is it transposed?"
@@ -135,21 +138,21 @@ def pinhole(matrix: np.ndarray, where: str, key: str = "matrix") -> Float[np.nda
 
 
 def whole_size(value: np.ndarray, where: str, key: str = "size") -> tuple[int, int]:
-    """(width, height) in whole pixels."""
+    """Read (width, height) in whole pixels."""
     if not np.isfinite(value).all() or (value != np.round(value)).any() or (value < 1).any():
         raise InputError(f"{where}: {key} must be two whole numbers, width and height, found {value.ravel().tolist()}")
     return int(value.flat[0]), int(value.flat[1])
 
 
 def pose(rotation: Float[np.ndarray, "3 3"], translation: np.ndarray) -> Float[np.ndarray, "4 4"]:
-    """A 4 x 4 transform."""
+    """Build a 4 x 4 transform."""
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = rotation, translation.ravel()
     return result
 
 
 def check_names(wanted: Iterable[str], known: Iterable[str], label: str) -> None:
-    """Raises `InputError` unless every camera asked for is among those of the file, once."""
+    """Raise `InputError` unless every camera asked for is among those of the file, once."""
     known = list(known)
     missing = [name for name in wanted if name not in known]
     if missing:

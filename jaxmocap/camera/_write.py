@@ -52,7 +52,7 @@ def _check(cameras: Cameras) -> None:
 
 
 def _static(cameras: Cameras, form: str) -> list[WrittenCamera]:
-    """The cameras as one pose each, in OpenCV's convention. Raises `InputError` for one that moves or has skew."""
+    """Describe each camera by one pose in OpenCV's convention. Raises `InputError` for one that moves or has skew."""
     poses, intrinsics = np.asarray(cameras.cam_from_world, float), np.array(cameras.intrinsics, float)
     moved = np.abs(poses - poses[:, :1]).max(axis=(1, 2, 3))
     if (moved > _STILL).any():

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, UInt32
 def vertex_normals(
     vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
 ) -> Float[np.ndarray, "vertex 3"]:
-    """Outward unit normals, area-weighted means over the faces around each vertex."""
+    """Compute outward unit normals, area-weighted means over the faces around each vertex."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     across = np.cross(b - a, c - a)
     index = faces.reshape(-1)
@@ -20,8 +20,10 @@ def vertex_normals(
 def facing_cosine(
     corners: Float[np.ndarray, "face 3 3"], eye: Float[np.ndarray, "3"] | None = None
 ) -> Float[np.ndarray, "face"]:
-    """Cosine between each triangle's outward normal and the direction from its centre to the eye, by default the
-    origin, as for corners in a camera's own frame."""
+    """Compute the cosine between each triangle's outward normal and the direction from its centre to the eye.
+
+    The eye is by default the origin, as for corners in a camera's own frame.
+    """
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     centre = corners.mean(1) if eye is None else corners.mean(1) - eye
     length = np.sqrt((normal**2).sum(1) * (centre**2).sum(1))
@@ -29,8 +31,10 @@ def facing_cosine(
 
 
 def face_adjacency(faces: Int[np.ndarray, "face 3"]) -> sparse.csr_matrix:
-    """Boolean sparse matrix (face, face): true where two faces share an edge. Edges of three or more faces join them
-    all."""
+    """Build a sparse matrix (face, face), true where two faces share an edge.
+
+    Edges of three or more faces join them all.
+    """
     count = len(faces)
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(np.int64)
     _, edge = np.unique(edges[:, 0] * (faces.max() + 1) + edges[:, 1], return_inverse=True)
@@ -43,8 +47,10 @@ def face_adjacency(faces: Int[np.ndarray, "face 3"]) -> sparse.csr_matrix:
 
 
 def faces_within(faces: Int[np.ndarray, "face 3"], steps: int = 5) -> sparse.csr_matrix:
-    """Boolean sparse matrix (face, face): true where the shortest path over shared edges has at most `steps` steps,
-    0 (the face itself) included. Weld duplicate vertices first: a seam cuts the graph."""
+    """Build a sparse matrix (face, face), true where the shortest path over shared edges has at most `steps` steps.
+
+    A face is 0 steps from itself. Weld duplicate vertices first: a seam cuts the graph.
+    """
     itself = sparse.csr_matrix(sparse.identity(len(faces)).astype(np.int32))
     reach, step = itself, sparse.csr_matrix(face_adjacency(faces).astype(np.int32) + itself)
     for _ in range(steps):
@@ -53,7 +59,10 @@ def faces_within(faces: Int[np.ndarray, "face 3"], steps: int = 5) -> sparse.csr
 
 
 def pack_rows(table: sparse.csr_matrix) -> UInt32[np.ndarray, "face word"]:
-    """The table as bits: faces i, j are near when `(row[i][j // 32] >> (j % 32)) & 1`. 3 MB for 5,000 faces."""
+    """Pack the table into bits: faces i, j are near when `(row[i][j
+
+    32] >> (j % 32)) & 1`. 3 MB for 5,000 faces.
+    """
     count = len(table.indptr) - 1
     words = np.zeros((count, -(-count // 32)), np.uint32)
     rows, columns = table.nonzero()
@@ -62,6 +71,6 @@ def pack_rows(table: sparse.csr_matrix) -> UInt32[np.ndarray, "face word"]:
 
 
 def face_components(faces: Int[np.ndarray, "face 3"]) -> tuple[int, Int[np.ndarray, "face"]]:
-    """Number of connected pieces, and the piece of each face."""
+    """Count the connected pieces, and number the piece of each face."""
     count, labels = sparse.csgraph.connected_components(face_adjacency(faces), directed=False)
     return int(count), labels

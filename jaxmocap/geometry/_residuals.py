@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 def pluecker_line(
     centre: Float[Array, "*batch 3"], direction: Float[Array, "*batch 3"]
 ) -> tuple[Float[Array, "*batch 3"], Float[Array, "*batch 3"]]:
-    """The line through `centre` along `direction`: unit direction n and moment m = centre x n (metres).
+    """Represent the line through `centre` along `direction` by unit direction n and moment m = centre x n (metres).
 
     Leading axes broadcast: one camera centre with many viewing rays gives one line per ray.
     """
@@ -18,12 +18,15 @@ def pluecker_line(
 def point_line_residual(
     point: Float[Array, "*batch 3"], n: Float[Array, "*batch 3"], m: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch 3"]:
-    """Eq. 9's residual e = v x n - m: zero on the line, and |e| is the distance of the point from it in metres."""
+    """Compute Eq. 9's residual e = v x n - m.
+
+    It is zero on the line, and |e| is the distance of the point from it in metres.
+    """
     return jnp.cross(point, n) - m
 
 
 def geman_mcclure(residual: Float[Array, "*shape"], scale: ArrayLike) -> Float[Array, "*shape"]:
-    """Geman and McClure, 1987: `s^2 e^2 / (s^2 + e^2)`. It is e^2 for small residuals and never exceeds s^2."""
+    """Compute `s^2 e^2 / (s^2 + e^2)` (Geman and McClure, 1987): e^2 for small residuals, never more than s^2."""
     squared, ceiling = jnp.square(residual), jnp.square(jnp.asarray(scale))
     return ceiling * squared / (ceiling + squared)
 
@@ -35,7 +38,7 @@ def geman_mcclure_weight(residual: Float[Array, "*shape"], scale: ArrayLike) -> 
 
 
 def huber(residual: Float[Array, "*shape"], scale: ArrayLike) -> Float[Array, "*shape"]:
-    """Huber, 1964: e^2 up to `scale`, then `2 s |e| - s^2`."""
+    """Compute Huber's loss (1964): e^2 up to `scale`, then `2 s |e| - s^2`."""
     size = jnp.abs(residual)
     return jnp.where(size <= scale, jnp.square(residual), 2 * jnp.asarray(scale) * size - jnp.square(scale))
 

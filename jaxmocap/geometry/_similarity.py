@@ -36,7 +36,7 @@ IDENTITY = Similarity(1.0, np.eye(3), np.zeros(3))
 def fit_similarity(
     source: Float[np.ndarray, "point 3"], target: Float[np.ndarray, "point 3"], *, with_scale: bool = True
 ) -> Similarity:
-    """The similarity with least squared distance (Umeyama, PAMI 1991, Eqs. 40-43): never a reflection."""
+    """Fit the similarity with least squared distance (Umeyama, PAMI 1991, Eqs. 40-43): never a reflection."""
     source, target = np.asarray(source, np.float64), np.asarray(target, np.float64)
     source_mean, target_mean = source.mean(0), target.mean(0)
     centred_source, centred_target = source - source_mean, target - target_mean
@@ -47,7 +47,7 @@ def fit_similarity(
 
 
 def align_cameras(source: Float[np.ndarray, "camera 4 4"], target: Float[np.ndarray, "camera 4 4"]) -> Similarity:
-    """The similarity target_world_from_source_world between two sets of poses of the same cameras.
+    """Fit the similarity target_world_from_source_world between two sets of poses of the same cameras.
 
     `source` and `target` are `cam_from_world`. The rotation fits the cameras' orientations and their centres at once
     (the centres divided by their spread), so that it is well defined for two static cameras, or one. Scale and
@@ -68,7 +68,7 @@ def align_cameras(source: Float[np.ndarray, "camera 4 4"], target: Float[np.ndar
 
 
 def camera_residuals(similarity: Similarity, source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What `align_cameras` leaves: distance of the centres (metres of the target) and angle (radians) per camera."""
+    """Measure what `align_cameras` leaves per camera: distance of centres (metres of the target), angle (radians)."""
     distance = np.linalg.norm(similarity(camera_centres(source)) - camera_centres(target), axis=-1)
     turned = source[:, :3, :3] @ similarity.rotation.T
     cosine = (np.einsum("nij,nij->n", turned, target[:, :3, :3]) - 1) / 2
@@ -76,7 +76,7 @@ def camera_residuals(similarity: Similarity, source: np.ndarray, target: np.ndar
 
 
 def _procrustes(correlation: np.ndarray) -> tuple[np.ndarray, float]:
-    """The rotation R of largest tr(R^T correlation), and that value."""
+    """Find the rotation R of largest tr(R^T correlation), and that value."""
     left, values, right = np.linalg.svd(correlation)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right)) or 1.0])
     return (left * signs) @ right, float(values @ signs)

@@ -14,7 +14,7 @@ _NUM_TERMS = 9  # at |w| = 1 the first dropped term is below 1e-17
 
 
 def hat(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Cross-product matrix: `hat(a) @ b = a x b`."""
+    """Build the cross-product matrix: `hat(a) @ b = a x b`."""
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     zero = jnp.zeros_like(x)
     entries = jnp.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
@@ -22,32 +22,32 @@ def hat(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def matmul(a: Float[Array, "*batch i j"], b: Float[Array, "*batch j k"]) -> Float[Array, "*batch i k"]:
-    """Product of small matrices as a sum of products, which XLA fuses and never rounds to TF32."""
+    """Multiply small matrices by a sum of products, which XLA fuses and never rounds to TF32."""
     return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
 
 
 def transform(matrix: Float[Array, "*batch 4 4"], points: Float[Array, "*batch point 3"]) -> Float[Array, "..."]:
-    """Points (..., N, 3) carried by rigid transforms (..., 4, 4)."""
+    """Carry points (..., N, 3) by rigid transforms (..., 4, 4)."""
     rotated = jnp.sum(matrix[..., None, :3, :3] * points[..., None, :], axis=-1)
     return rotated + matrix[..., None, :3, 3]
 
 
 def rigid(rotation: Float[Array, "*batch 3 3"], translation: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4 4"]:
-    """The 4x4 matrix of a rotation and a translation."""
+    """Build the 4x4 matrix of a rotation and a translation."""
     top = jnp.concatenate([rotation, translation[..., None]], axis=-1)
     bottom = jnp.broadcast_to(jnp.array([0.0, 0.0, 0.0, 1.0], top.dtype), (*top.shape[:-2], 1, 4))
     return jnp.concatenate([top, bottom], axis=-2)
 
 
 def so3_exp(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Rotation matrix of a rotation vector (radians), Rodrigues: `R = I + A w^ + B w^^2`."""
+    """Compute the rotation matrix of a rotation vector (radians), Rodrigues: `R = I + A w^ + B w^^2`."""
     w = hat(vector)
     a, b = (s[..., None, None] for s in _coefficients(_square(vector), 1, 2))
     return jnp.eye(3, dtype=vector.dtype) + a * w + b * matmul(w, w)
 
 
 def so3_log(rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
-    """Rotation vector, |w| <= pi, of a rotation matrix; through the quaternion, so exact near pi too.
+    """Compute the rotation vector, |w| <= pi, of a rotation matrix; through the quaternion, so exact near pi too.
 
     At exactly pi both signs are right and one is returned.
     """
@@ -82,21 +82,24 @@ def so3_log(rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
 
 
 def so3_left_jacobian(vector: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """`V = I + B w^ + C w^^2`: `exp((w + dw)^) = exp((V dw)^) exp(w^)` to first order; also SE(3)'s translation."""
+    """Compute `V = I + B w^ + C w^^2`: `exp((w + dw)^) = exp((V dw)^) exp(w^)` to first order.
+
+    SE(3)'s translation has the same V.
+    """
     w = hat(vector)
     b, c = (s[..., None, None] for s in _coefficients(_square(vector), 2, 3))
     return jnp.eye(3, dtype=vector.dtype) + b * w + c * matmul(w, w)
 
 
 def se3_exp(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
-    """Rigid transform of a twist `(v, w)`: rotation `exp(w^)`, translation `V v`."""
+    """Compute the rigid transform of a twist `(v, w)`: rotation `exp(w^)`, translation `V v`."""
     linear, angular = twist[..., :3], twist[..., 3:]
     translation = jnp.sum(so3_left_jacobian(angular) * linear[..., None, :], axis=-1)
     return rigid(so3_exp(angular), translation)
 
 
 def se3_log(matrix: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
-    """Twist `(v, w)` of a rigid transform, |w| <= pi; the inverse of `se3_exp`."""
+    """Compute the twist `(v, w)` of a rigid transform, |w| <= pi; the inverse of `se3_exp`."""
     angular = so3_log(matrix[..., :3, :3])
     w = hat(angular)
     factor = _inverse_coefficient(_square(angular))[..., None, None]
@@ -106,24 +109,24 @@ def se3_log(matrix: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
 
 
 def se3_inverse(matrix: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
-    """Inverse of a rigid transform, `[R^T, -R^T t]`."""
+    """Invert a rigid transform, `[R^T, -R^T t]`."""
     transposed = jnp.swapaxes(matrix[..., :3, :3], -1, -2)
     return rigid(transposed, -jnp.sum(transposed * matrix[..., None, :3, 3], axis=-1))
 
 
 def adjoint(matrix: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
-    """`Ad(g) = [[R, p^ R], [0, R]]`, which carries twists `(v, w)`: `g exp(xi^) g^-1 = exp((Ad(g) xi)^)`."""
+    """Compute `Ad(g) = [[R, p^ R], [0, R]]`, which carries twists `(v, w)`: `g exp(xi^) g^-1 = exp((Ad(g) xi)^)`."""
     rotation, translation = matrix[..., :3, :3], matrix[..., :3, 3]
     return _block(rotation, matmul(hat(translation), rotation))
 
 
 def ad(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
-    """`ad(xi) = [[w^, v^], [0, w^]]`, the derivative of `adjoint(se3_exp(xi))` at zero."""
+    """Compute `ad(xi) = [[w^, v^], [0, w^]]`, the derivative of `adjoint(se3_exp(xi))` at zero."""
     return _block(hat(twist[..., 3:]), hat(twist[..., :3]))
 
 
 def se3_left_jacobian(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
-    """`J_l(xi) = sum_k ad(xi)^k / (k + 1)!`: `exp((xi + d)^) = exp((J_l d)^) exp(xi^)` to first order.
+    """Compute `J_l(xi) = sum_k ad(xi)^k / (k + 1)!`: `exp((xi + d)^) = exp((J_l d)^) exp(xi^)` to first order.
 
     In closed form, since `ad` satisfies `ad (ad^2 + |w|^2)^2 = 0`.
     """

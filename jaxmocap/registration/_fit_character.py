@@ -86,7 +86,7 @@ def fit_character(
     settings: CharacterFitSettings | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> CharacterFit:
-    """Bone lengths and girths of a generic character, fitted to a capture's keypoints and masks at a few frames.
+    """Fit bone lengths and girths of a generic character to a capture's keypoints and masks at a few frames.
 
     Not in the paper, which scans its actors. `frames` are positions, by default the selected frames, and need BODY_25
     keypoints in two views; girths are learnt from masks where there are any and else follow the lengths. All
@@ -148,7 +148,7 @@ def _keypoints(capture: Capture, frame: int) -> list[np.ndarray | None]:
 
 
 def _usable_frames(capture: Capture, cameras: Cameras, frames: Sequence[int] | None) -> tuple[int, ...]:
-    """The frames asked for, or those selected, in which two views show enough keypoints."""
+    """Choose the frames asked for, or those selected, in which two views show enough keypoints."""
     asked = tuple(sorted(set(capture.selected_frames or () if frames is None else frames)))
     beyond = [frame for frame in asked if not 0 <= frame < capture.num_frames]
     if beyond:
@@ -176,7 +176,7 @@ def _stacked(values: list):
 
 
 def _found(problem: ShapeProblem, vector: Float[Array, "unknown"]) -> tuple[Character, list[Pose]]:
-    """The character of a solution and its poses."""
+    """Return the character of a solution and its poses."""
     unknowns = problem.unknowns(vector)
     fitted = scaled(problem.character, unknowns.shape)
     poses = problem.poses(unknowns, fitted)

@@ -46,7 +46,7 @@ class RegistrationSettings:
 
 
 def intersection_over_union(ids: np.ndarray, mask: Bool[np.ndarray, "height width"]) -> float:
-    """Agreement of a drawn mesh (face ids, -1 empty) and a mask."""
+    """Measure how far a drawn mesh (face ids, -1 empty) and a mask agree."""
     drawn = np.asarray(ids) >= 0
     union = (drawn | mask).sum()
     return float((drawn & mask).sum() / union) if union else float("nan")
@@ -61,7 +61,7 @@ def _moved(
     settings: RegistrationSettings,
     fixed: list[int],
 ) -> Pose:
-    """The pose after three steps of least squares; `weight` pulls it back and the DoFs `fixed` stay."""
+    """Move the pose by three steps of least squares; `weight` pulls it back and the DoFs `fixed` stay."""
     prior, index = free_prior(character, pose, weight), jnp.array(fixed, jnp.int32)
     prior = prior._replace(lower=prior.lower.at[index].set(0.0), upper=prior.upper.at[index].set(0.0))
     still = jnp.zeros(character.skeleton.num_dofs)
@@ -82,7 +82,7 @@ def fit_to_masks(
     settings: RegistrationSettings,
     fixed: list[int],
 ) -> Pose:
-    """Local optimisation of Gall et al. 2009: contour points to the mask outline, re-associated every round."""
+    """Fit contour points to the mask outline, re-associated every round: the local optimisation of Gall et al. 2009."""
     weight = character.skeleton.per_dof(root=0.5, angles=3.0)
     for round_index in range(settings.rounds):
         contours = _mask_contours(30 if round_index < 3 else 15)
@@ -101,7 +101,7 @@ def search_silhouettes(
     key: PRNGKeyArray,
     fixed: list[int],
 ) -> Pose:
-    """Annealing on the silhouette energy, group by group."""
+    """Anneal on the silhouette energy, group by group."""
     energy = SearchEnergy((Silhouette(masks=masks),))
     spread = character.skeleton.initial_spread * 1.5
     spread[fixed] = 0.0

@@ -21,7 +21,7 @@ LIMB_STARTS = 12
 def triangulated(
     view: View, keypoints: list[Float[np.ndarray, "25 3"] | None]
 ) -> tuple[Float[np.ndarray, "25 3"], np.ndarray]:
-    """World positions of keypoints seen in two or more views, and which these are."""
+    """Triangulate keypoints seen in two or more views: world positions, and which these are."""
     pixels = np.stack([k[:, :2] if k is not None else np.zeros((25, 2)) for k in keypoints])
     weights = np.stack([k[:, 2] if k is not None else np.zeros(25) for k in keypoints])
     known = (weights > 0).sum(0) >= 2

@@ -17,7 +17,10 @@ Overrides = dict[int, dict[str, float]]
 
 
 def apply_overrides(character: Character, pose: Pose, values: dict[str, float]) -> tuple[Pose, list[int]]:
-    """The pose with single DoFs set, and their indices. Raises `InputError` for a name the skeleton does not have."""
+    """Set single DoFs of a pose; return it with their indices.
+
+    Raises `InputError` for a name the skeleton does not have.
+    """
     skeleton = character.skeleton
     vector = np.array(pose_vector(skeleton, pose))
     indices = []
@@ -41,7 +44,7 @@ def apply_overrides(character: Character, pose: Pose, values: dict[str, float]) 
 
 
 def read_pose_file(path: str | Path) -> Overrides:
-    """Overrides from a JSON file: `{"0": {"root_ty": 0.1, "l_elbow_flex": 30}}`, frame -> DoF -> metres or degrees.
+    """Read overrides from JSON: `{"0": {"root_ty": 0.1, "l_elbow_flex": 30}}`, frame -> DoF -> metres or degrees.
 
     Raises `InputError` for anything else.
     """

@@ -73,7 +73,7 @@ def segment_person(
     settings: SegmentationSettings | None = None,
     registration: RegistrationSettings | None = None,
 ) -> PersonMasks:
-    """Masks of the person at the selected frames, or at `frames`: the capture's, and found ones where it has none.
+    """Find masks of the person at the selected frames, or at `frames`; the capture's own are kept where it has them.
 
     The body is registered from the keypoints; it and they say roughly where the person is; GrabCut by local colours
     finds the outline (`cut_person`); the body is fitted to it; and so on. A body that is not the person's own will do.
@@ -113,7 +113,7 @@ def segment_person(
 
 
 def masks_of(found: PersonMasks) -> dict[int, list[Bool[np.ndarray, "height width"]]]:
-    """The masks alone, as `Capture.with_masks` takes them."""
+    """Return the masks alone, as `Capture.with_masks` takes them."""
     return {frame: [person.mask for person in row] for frame, row in found.items()}
 
 

@@ -100,11 +100,11 @@ class ShapeProblem(eqx.Module):
         return 1 + len(LENGTHS) + len(GIRTHS) + 3 * len(OFFSETS)
 
     def start(self) -> Float[Array, "unknown"]:
-        """The generic character in its base poses."""
+        """Return the vector of the generic character in its base poses."""
         return jnp.zeros(self.num_shared + self.seen.base.angles.shape[0] * self.character.skeleton.num_dofs)
 
     def unknowns(self, vector: Float[Array, "unknown"]) -> Unknowns:
-        """The vector's parts in metres, radians and logarithms."""
+        """Split the vector into its parts in metres, radians and logarithms."""
         prior = self.prior
         height, lengths, girths, offsets, deltas = jnp.split(
             vector, np.cumsum([1, len(LENGTHS), len(GIRTHS), 3 * len(OFFSETS)])
@@ -118,11 +118,14 @@ class ShapeProblem(eqx.Module):
         )
 
     def poses(self, unknowns: Unknowns, character: Character) -> Pose:
-        """The pose of every frame."""
+        """Compute the pose of every frame."""
         return jax.vmap(lambda pose, delta: retract(character.skeleton, pose, delta))(self.seen.base, unknowns.deltas)
 
     def residual(self, vector: Float[Array, "unknown"]) -> Float[Array, "row"]:
-        """Keypoints, contours and posture of all frames; the priors on the vector itself are left to the refiner."""
+        """Compute the residual of keypoints, contours and posture of all frames.
+
+        The priors on the vector itself are left to the refiner.
+        """
         unknowns = self.unknowns(vector)
         character = scaled(self.character, unknowns.shape)
         skeleton = character.skeleton
@@ -140,7 +143,7 @@ class ShapeProblem(eqx.Module):
         return jnp.concatenate(rows)
 
     def refine_problem(self) -> RefineProblem:
-        """Priors as a box and a pull towards zero; joint limits."""
+        """Express the priors as a box and a pull towards zero, and the joint limits."""
         skeleton, base, frames = self.character.skeleton, self.seen.base, self.seen.base.angles.shape[0]
         far = jnp.full((frames, ROOT_DOFS), 20.0)
         shared = jnp.full(self.num_shared, self.prior.widest)
@@ -161,12 +164,15 @@ class ShapeProblem(eqx.Module):
 
 @eqx.filter_jit
 def solve(problem: ShapeProblem, start: Float[Array, "unknown"], refiner: AbstractRefiner) -> Float[Array, "unknown"]:
-    """The best vector from a start."""
+    """Solve for the best vector from a start."""
     return refiner.refine(problem.refine_problem(), start).value
 
 
 def detector_points(skeleton: Skeleton, pose: Pose, offsets: Float[Array, "offset 3"]) -> Float[Array, "landmark 3"]:
-    """Landmarks where the detector sees them, world, metres; offsets are those of the left side, in the rest frame."""
+    """Place the landmarks where the detector sees them, world, metres.
+
+    Offsets are those of the left side, in the rest frame.
+    """
     rows, carriers, numbers, mirror = _offset_rows(skeleton)
     rotations = body_transforms(skeleton, pose)[carriers, :3, :3]
     shift = jnp.sum(rotations * (mirror * offsets[numbers])[:, None, :], axis=-1)
@@ -203,7 +209,7 @@ Outlines = tuple[SurfaceLines, Float[Array, "frame row"], Float[Array, "frame ro
 def mask_problems(
     capture: Capture, cameras: Cameras, character: Character, poses: dict[int, Pose], masks: Masks
 ) -> list[FrameProblem]:
-    """One problem per frame, all of one size, whose edges are the masks' outlines; views without a mask have none."""
+    """Make one problem per frame, all of one size; its edges are the masks' outlines, none in a view without a mask."""
     surface = surface_of(character, None, cameras.num_cameras)
     posed = {frame: np.asarray(skin(character, pose)) for frame, pose in poses.items()}
     room = np.full(cameras.num_cameras, 30.0)
@@ -221,8 +227,10 @@ def mask_problems(
 
 
 def outlines(character: Character, poses: Sequence[Pose], problems: list[FrameProblem], number: int) -> Outlines:
-    """Contour points of the posed mesh tied to the masks (Gall et al. 2009), for round `number`: every row with its
-    scale and its Geman-McClure scale in metres, each array with a leading frame axis."""
+    """Tie contour points of the posed mesh to the masks (Gall et al. 2009), for round `number`.
+
+    Every row has its scale and its Geman-McClure scale in metres; each array has a leading frame axis.
+    """
     wide = number < _WIDE_ROUNDS
     settings = ContourSettings(
         reach=30 if wide else 15,

@@ -46,19 +46,19 @@ def _axes(left: np.ndarray, up: np.ndarray) -> Float[np.ndarray, "3 3"]:
 def body_axes(
     left_shoulder: np.ndarray, right_shoulder: np.ndarray, left_hip: np.ndarray, right_hip: np.ndarray
 ) -> Float[np.ndarray, "3 3"]:
-    """Axes of a trunk as columns: to its left, up, ahead."""
+    """Compute the axes of a trunk as columns: to its left, up, ahead."""
     left = left_shoulder - right_shoulder + left_hip - right_hip
     return _axes(left, left_shoulder + right_shoulder - left_hip - right_hip)
 
 
 def rest_trunk(skeleton: Skeleton) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """`body_axes` of the rest pose, and the middle of its hips."""
+    """Compute `body_axes` of the rest pose, and the middle of its hips."""
     at = [np.asarray(skeleton.landmark(name)) for name in ("l_shoulder", "r_shoulder", "l_hip", "r_hip")]
     return body_axes(*at), 0.5 * (at[2] + at[3])
 
 
 def best_view(keypoints: list[Float[np.ndarray, "25 3"] | None]) -> int | None:
-    """The view that shows most points, if it shows the trunk and `LEAST_POINTS`."""
+    """Choose the view that shows most points, if it shows the trunk and `LEAST_POINTS`."""
     seen = [np.zeros(25, bool) if points is None else points[:, 2] > 0 for points in keypoints]
     shown = [int(points.sum()) if points[list(TRUNK)].all() else 0 for points in seen]
     best = int(np.argmax(shown))
@@ -66,7 +66,7 @@ def best_view(keypoints: list[Float[np.ndarray, "25 3"] | None]) -> int | None:
 
 
 def single_view_starts(character: Character, view: View, camera: int, points: Float[np.ndarray, "25 3"]) -> list[Pose]:
-    """Upright bodies at the depth that the view suggests, turned to `SIDES` sides."""
+    """Stand bodies upright at the depth that the view suggests, turned to `SIDES` sides."""
     skeleton = character.skeleton
     intrinsics, cam_from_world = np.asarray(view.intrinsics[camera]), np.asarray(view.cam_from_world[camera])
     pixels, focal = points[:, :2], float(intrinsics[1, 1])

@@ -7,7 +7,7 @@ _FLAT = 1e-3
 
 
 def _mean_height(first: Float[Array, "*n"], last: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """The mean of y clipped to [0, 1] while y goes from `first` to `last`."""
+    """Average y, clipped to [0, 1], while it goes from `first` to `last`."""
     low, high = jnp.minimum(first, last), jnp.maximum(first, last)
     span = high - low
     low_in, high_in = jnp.clip(low, 0.0, 1.0), jnp.clip(high, 0.0, 1.0)
@@ -29,7 +29,7 @@ def _below(x0: Array, y0: Array, x1: Array, y1: Array) -> Float[Array, "*n"]:
 def covered_area(
     corners_x: Float[Array, "3 *n"], corners_y: Float[Array, "3 *n"], width: float | Float[Array, ""]
 ) -> Float[Array, "*n"]:
-    """Share in [0, 1] of the square of `width` pixels around the origin that lies inside a triangle.
+    """Measure the share in [0, 1] of the square of `width` pixels around the origin that lies inside a triangle.
 
     Corners are in pixels from the centre of the square. The shares of triangles that tile the plane add up to one, and
     the share tends to "the centre is inside" as the width goes to zero. The area is that of Green's theorem: each edge

@@ -14,7 +14,7 @@ from ._windows import Faces, draw, to_screen, window_list
 def projection_matrices(
     intrinsics: Float[Array, "*camera 3 3"], cam_from_world: Float[Array, "*camera 4 4"]
 ) -> Float[Array, "*camera 3 4"]:
-    """K [R | t] per view."""
+    """Compute K [R | t] per view."""
     return intrinsics @ cam_from_world[..., :3, :]
 
 
@@ -22,8 +22,10 @@ def projection_matrices(
 def inverse_depth_range(
     vertices: Float[Array, "vertex 3"], cam_from_world: Float[Array, "4 4"], slack: float = 0.0
 ) -> Float[Array, "2"]:
-    """Smallest and largest inverse depth (1/metres) of the vertices, widened by `slack` metres of depth on both
-    sides."""
+    """Find the smallest and largest inverse depth (1/metres) of the vertices.
+
+    Both sides are widened by `slack` metres of depth.
+    """
     depth = vertices @ cam_from_world[2, :3] + cam_from_world[2, 3]
     nearest = jnp.maximum(depth.min() - slack - 1e-3, 0.05)
     farthest = jnp.maximum(depth.max() + slack + 1e-3, nearest + 1e-2)
@@ -57,7 +59,7 @@ def face_ids(
     height: int,
     width: int,
 ) -> tuple[Int[Array, "camera height width"], Float[Array, "camera height width"]]:
-    """Which face is seen in each pixel of a rectangle per view.
+    """Find which face is seen in each pixel of a rectangle per view.
 
     `origins` are the row and column of each rectangle's first pixel. Returns face numbers (-1 where empty) and inverse
     depth (1/metres, 0 where empty). Called from the host: a capacity that overflows is doubled and drawn again.

@@ -19,7 +19,10 @@ class KeyLayout(eqx.Module):
 
     @staticmethod
     def for_faces(num_faces: int) -> "KeyLayout":
-        """The layout for a mesh. Raises `ValueError` above 500,000 faces (the depth would keep fewer than 12 bits)."""
+        """Choose the layout for a mesh.
+
+        Raises `ValueError` above 500,000 faces (the depth would keep fewer than 12 bits).
+        """
         bits = max(4, int(num_faces + 1).bit_length())
         if bits > 19:
             raise ValueError(
@@ -41,21 +44,21 @@ class KeyLayout(eqx.Module):
         return 2 ** (31 - self.id_bits) - 2
 
     def face(self, keys: Int[Array, "*shape"]) -> Int[Array, "*shape"]:
-        """Face number per pixel, -1 where empty."""
+        """Read the face number per pixel, -1 where empty."""
         ids = keys & self.id_mask
         return jnp.where(ids == self.id_mask, -1, ids)
 
     def inverse_depth(self, keys: Int[Array, "*shape"], depth_range: Float[Array, "2"]) -> Float[Array, "*shape"]:
-        """Inverse depth (1/metres) per pixel; `depth_range[0]` where empty."""
+        """Read the inverse depth (1/metres) per pixel; `depth_range[0]` where empty."""
         level = (keys >> self.id_bits).astype(jnp.float32)
         return jnp.maximum(level - 1.0, 0.0) * ((depth_range[1] - depth_range[0]) / self.depth_levels) + depth_range[0]
 
 
 def empty_buffer(layout: KeyLayout, height: int, width: int) -> Int[Array, "padded_height padded_width"]:
-    """A key buffer with nothing in it, `WINDOW` pixels of border on every side."""
+    """Make a key buffer with nothing in it, `WINDOW` pixels of border on every side."""
     return jnp.full((height + 2 * WINDOW, width + 2 * WINDOW), layout.empty, jnp.int32)
 
 
 def crop(buffer: Int[Array, "*lead padded_height padded_width"]) -> Int[Array, "*lead height width"]:
-    """The buffer without its border."""
+    """Cut off the border of a buffer."""
     return buffer[..., WINDOW:-WINDOW, WINDOW:-WINDOW]

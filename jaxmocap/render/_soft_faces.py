@@ -93,7 +93,7 @@ def _windows(screen, faces, height, width_pixels, reach, depth_range, layout, ca
 
 
 def _plane(x: Array, y: Array, value: Array) -> tuple[Array, Array, Array]:
-    """a, b, c of value = a x + b y + c through three corners; flat where they are in line."""
+    """Compute a, b, c of value = a x + b y + c through three corners; flat where they are in line."""
     area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
     inv = jnp.where(jnp.abs(area) > 1e-6, 1.0, 0.0) / jnp.where(jnp.abs(area) > 1e-6, area, 1.0)
     d1, d2 = value[1] - value[0], value[2] - value[0]
@@ -134,7 +134,7 @@ def soft_faces(
     depth_range: Float[Array, "2"],
     settings: SoftSettings | None = None,
 ) -> SoftFaces:
-    """Faces that share each pixel of a rectangle, with their shares, which sum to at most one.
+    """Find the faces that share each pixel of a rectangle, and their shares, which sum to at most one.
 
     `screen` is what `to_screen` returns. Where more than `layers` faces share a pixel the nearest ones share all of it.
     """

@@ -39,19 +39,19 @@ def _highest(values: Int[Array, "*lead padded_height padded_width"]) -> Int[Arra
 def covered_tiles(
     buffer: Int[Array, "*lead padded_height padded_width"], layout: KeyLayout
 ) -> Bool[Array, "*lead down across"]:
-    """The tiles in which a pixel is covered."""
+    """Mark the tiles in which a pixel is covered."""
     return _highest(buffer) > layout.empty
 
 
 def dirty_tiles(
     buffer: Int[Array, "*lead padded_height padded_width"], below: Int[Array, "*lead padded_height padded_width"]
 ) -> Bool[Array, "*lead down across"]:
-    """The tiles in which a key differs from that of another buffer."""
+    """Mark the tiles in which a key differs from that of another buffer."""
     return _highest(buffer ^ below) > 0
 
 
 def tiles_at(chosen: Bool[Array, "down across"]) -> Tiles:
-    """The chosen tiles in reading order. There is room for all."""
+    """List the chosen tiles in reading order. There is room for all."""
     marked = chosen.reshape(-1)
     ends = running_sum(marked.astype(jnp.int32))
     slots = jnp.where(marked, ends - 1, marked.size)

@@ -32,7 +32,7 @@ Driver = Literal["loop", "scatter"]
 
 
 def best_driver() -> Driver:
-    """The loop on a CPU; the scatter, under `vmap`, on everything else."""
+    """Choose the loop on a CPU; the scatter, under `vmap`, on everything else."""
     return "loop" if jax.default_backend() == "cpu" else "scatter"
 
 
@@ -65,8 +65,10 @@ class Windows(NamedTuple):
 def to_screen(
     vertices: Float[Array, "vertex 3"], projection: Float[Array, "3 4"], origin: Int[Array, "2"]
 ) -> Float[Array, "3 vertex"]:
-    """Rows: column and row relative to the centre of the rectangle's first pixel, and inverse depth (<= 0 is
-    behind)."""
+    """Project vertices to the screen: column and row from the centre of the rectangle's first pixel, inverse depth.
+
+    An inverse depth <= 0 is behind the camera.
+    """
     places = vertices.T
     column, row, depth = (sum(line[k] * places[k] for k in range(3)) + line[3] for line in projection)
     inverse = jnp.where(depth > 1e-3, 1.0 / jnp.maximum(depth, 1e-3), -1.0)
@@ -81,13 +83,15 @@ def _in_windows(pixels: Int[Array, "*n"]) -> Int[Array, "*n"]:
 
 
 def look_up(values: Array, index: Int[Array, "*n"]) -> Array:
-    """`values[index]` of a flat array, for an index that is known to be inside: no wrapping, no clipping."""
+    """Look up `values[index]` of a flat array for an index known to be inside: no wrapping, no clipping."""
     return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def running_sum(values: Int[Array, "n"], block: int = 64) -> Int[Array, "n"]:
-    """Cumulative sum by triangular products of at most `_BLOCKS` columns: exact below 2^24 and much faster than a scan
-    on a CPU."""
+    """Sum cumulatively by triangular products of at most `_BLOCKS` columns.
+
+    Exact below 2^24 and much faster than a scan on a CPU.
+    """
     length = -(-values.shape[0] // block) * block
     rows = jnp.pad(values.astype(jnp.float32), (0, length - values.shape[0])).reshape(-1, block)
     inner = jnp.dot(rows, jnp.triu(jnp.ones((block, block), jnp.float32)), precision="highest")
@@ -102,7 +106,7 @@ def running_sum(values: Int[Array, "n"], block: int = 64) -> Int[Array, "n"]:
 def expand(
     counts: Int[Array, "n"], capacity: int
 ) -> tuple[Int[Array, "capacity"], Int[Array, "capacity"], Int[Array, ""]]:
-    """Item i repeated `counts[i]` times: the item and the rank within it for each slot, and the total."""
+    """Repeat item i `counts[i]` times: the item and the rank within it for each slot, and the total."""
     used = counts > 0
     ends, order = running_sum(counts), running_sum(used.astype(jnp.int32)) - 1
     starts = ends - counts
@@ -117,7 +121,7 @@ def expand(
 def expand_one_by_one(
     counts: Int[Array, "n"], capacity: int
 ) -> tuple[Int[Array, "capacity"], Int[Array, "capacity"], Int[Array, ""]]:
-    """What `expand` says, found one item and one slot after the other, which takes a CPU less than half the time."""
+    """Do what `expand` does, one item and one slot after the other: less than half the time on a CPU."""
 
     def put(values: Array, value: Array, slot: Array) -> Array:
         return lax.dynamic_update_slice(values, value.astype(jnp.int32)[None], (slot,))
@@ -141,21 +145,23 @@ def expand_one_by_one(
 
 
 def screen_points(screen: Float[Array, "3 vertex"]) -> Complex[Array, "vertex"]:
-    """Column and row as one complex number, since look-ups are what takes time; those of a vertex behind the camera are
-    `BEHIND`."""
+    """Write column and row as one complex number, since look-ups are what takes time.
+
+    Those of a vertex behind the camera are `BEHIND`.
+    """
     seen = screen[2] > 0
     columns, rows = (jnp.where(seen, place, BEHIND) for place in screen[:2])
     return lax.optimization_barrier(lax.complex(columns, rows))
 
 
 def corner_places(points: Complex[Array, "vertex"], faces: Sequence[Int[Array, "n"]] | Int[Array, "3 n"]) -> Places:
-    """Columns and rows of the three corners of every face."""
+    """Look up columns and rows of the three corners of every face."""
     corners = lax.optimization_barrier(tuple(look_up(points, corner) for corner in faces))
     return tuple(jnp.real(corner) for corner in corners), tuple(jnp.imag(corner) for corner in corners)
 
 
 def doubled_area(places: Places) -> Float[Array, "face"]:
-    """Twice the area of every face on the screen, negative for front faces."""
+    """Compute twice the area of every face on the screen, negative for front faces."""
     (ax, bx, cx), (ay, by, cy) = places
     return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
@@ -213,8 +219,9 @@ def window_list(
     corner: Int[Array, "2"] | None = None,
     driver: Driver | None = None,
 ) -> tuple[WindowList, Places]:
-    """The windows of every front face that touches a rectangle of `size` (height, width) pixels, and the corners of all
-    faces on the screen.
+    """List the windows of every front face that touches a rectangle of `size` (height, width) pixels.
+
+    Returns with them the corners of all faces on the screen.
 
     `corner` is the row and column, in the coordinates of `screen`, of the buffer's first pixel (default 0, 0). Faces
     are front-facing when counter-clockwise seen from outside. Faces with a vertex behind the camera are dropped.
@@ -239,7 +246,7 @@ def window_list(
 
 
 def planned_windows(listed: WindowList, item: Int[Array, "n"], rank: Int[Array, "n"]) -> Windows:
-    """The planes of some windows, from the corners of the face of each."""
+    """Compute the planes of some windows from the corners of each one's face."""
     top, left = listed.corner
     of_item = lax.optimization_barrier(tuple(look_up(vertices, item) for vertices in listed.faces))
     level = lax.optimization_barrier(tuple(look_up(listed.levels, vertex) for vertex in of_item))
@@ -264,8 +271,11 @@ def planned_windows(listed: WindowList, item: Int[Array, "n"], rank: Int[Array, 
 
 
 def _window_keys(planes: tuple[Array, ...], face: Int[Array, ""], layout: KeyLayout) -> Int[Array, "8 8 1"]:
-    """The keys of a face in a window, 0 where it is not. The last axis is there for XLA on a CPU: it unrolls the
-    innermost loop, and of two loops the columns would be unrolled and the rows, which lie far apart, become vectors."""
+    """Compute the keys of a face in a window, 0 where it is not.
+
+    The last axis is there for XLA on a CPU: it unrolls the innermost loop, and of two loops the columns would be
+    unrolled and the rows, which lie far apart, become vectors.
+    """
     lane_x = jnp.arange(WINDOW, dtype=jnp.float32)[None, :, None]
     lane_y = jnp.arange(WINDOW, dtype=jnp.float32)[:, None, None]
     first, second, level = (c + a * lane_x + b * lane_y for a, b, c in (planes[:3], planes[3:6], planes[6:]))

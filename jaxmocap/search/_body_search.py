@@ -56,7 +56,7 @@ class BodySearch:
         self.vertices = [np.unique(faces[np.asarray(group.part.moves)]) for group in self.groups]
 
     def start(self) -> SearchMemory:
-        """The memory before the first frame."""
+        """Make the memory before the first frame."""
         return SearchMemory.start(len(self.groups), len(self.limbs))
 
     def __call__(
@@ -83,7 +83,7 @@ class BodySearch:
         return pose, deviation, memory
 
     def key_of(self, frame: int, number: int) -> PRNGKeyArray:
-        """The key of one of a frame's searches."""
+        """Derive the key of one of a frame's searches."""
         return jax.random.fold_in(jax.random.fold_in(self.key, frame), number)
 
     def group(
@@ -110,7 +110,7 @@ class BodySearch:
         return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
 
     def remember(self, memory: SearchMemory, drawn: DrawnPose) -> SearchMemory:
-        """The memory after a frame's answer: how well it explains each group, and the limbs it shows."""
+        """Remember a frame's answer: how well it explains each group, and the limbs it shows."""
         if self.plan.retry is not None:
             shown = self.evidence.limb_shares(drawn) >= self.plan.retry.hidden
             seen = zip(shown, memory.last_seen, strict=True)
@@ -121,7 +121,7 @@ class BodySearch:
         return memory
 
     def sizes(self) -> list[Any]:
-        """Static sizes of the compiled searches: with them another process goes on to the same bits."""
+        """Return the static sizes of the compiled searches: with them another process goes on to the same bits."""
         return [group.sizes for group in self.groups]
 
     def restore_sizes(self, sizes: list[Any]) -> None:
@@ -130,7 +130,7 @@ class BodySearch:
             vars(group.sizes).update(vars(size))  # left and right share theirs
 
     def _relocalised(self, pose: Pose, frame: Frame) -> Pose:
-        """The best of some searches for root and torso that look further afield."""
+        """Choose the best of some searches for root and torso that look further afield."""
         trunk = [number for number in range(len(self.groups)) if number not in self.limbs]
         found = [pose]
         for attempt in range(self.plan.relocalise):
@@ -145,7 +145,7 @@ class BodySearch:
     def _wanted(
         self, frame: Frame, pose: Pose, history: MotionHistory | None, memory: SearchMemory, clock: Clock
     ) -> tuple[Bool[np.ndarray, "group"], SearchMemory]:
-        """The groups to search from this start, and the memory after that."""
+        """Choose the groups to search from this start; return them with the memory after that."""
         if self.plan.gating is None or history is None:
             return np.ones(len(self.groups), bool), memory
         with clock.stage("gating"):

@@ -21,7 +21,7 @@ from jaxmocap.render import to_screen
 
 @cached_jit
 def covered_costs(ids: Int[Array, "camera height width"], problem: FrameProblem) -> Float[Array, "camera height width"]:
-    """Eq. 6 per pixel as if every pixel were covered by its face."""
+    """Compute Eq. 6 per pixel as if every pixel were covered by its face."""
     table = problem.surface.colour_distance
     flat = jnp.maximum(ids, 0) * table.shape[2] + problem.labels
     foreground = jnp.stack([table[c].reshape(-1)[flat[c]] for c in range(problem.num_cameras)])
@@ -71,7 +71,7 @@ class Evidence:
 
     @staticmethod
     def of(character: Character, groups: Bodies | None = None) -> "Evidence":
-        """The tables of a character; `groups` are those of its skeleton unless given."""
+        """Make the tables of a character; `groups` are those of its skeleton unless given."""
         skeleton = character.skeleton
         groups = [skeleton.bodies_of(name) for name, _ in skeleton.groups] if groups is None else groups
         return Evidence(character, dominant_bodies(character), groups, skeleton.distal_bodies)
@@ -87,7 +87,7 @@ class Evidence:
         return DrawnPose(pose, drawn, np.asarray(covered_costs(ids, problem)), over)
 
     def mean_costs(self, drawn: DrawnPose, of: Bodies) -> Float[np.ndarray, "set"]:
-        """Mean cost over the pixels of each set of bodies, all views together; NaN where none is seen."""
+        """Average the cost over the pixels of each set of bodies, all views together; NaN where none is seen."""
         covered = drawn.ids >= 0
         body = self.face_bodies[drawn.ids[covered]]
         bodies = len(of[0])
@@ -97,12 +97,15 @@ class Evidence:
         return np.array([total[group].sum() for group in of]) / np.where(seen > 0, seen, np.nan)
 
     def limb_costs(self, drawn: DrawnPose) -> Float[np.ndarray, "limb"]:
-        """Mean cost over the distal half of each limb; NaN where it is not seen."""
+        """Average the cost over the distal half of each limb; NaN where it is not seen."""
         return self.mean_costs(drawn, self.distal)
 
     def limb_shares(self, drawn: DrawnPose) -> Float[np.ndarray, "limb"]:
-        """Share of the vertices of each limb's distal half that project to pixels of it, in the view where it is
-        largest: 1 for a limb in front of everything, though half its vertices face away; 0 for one behind the body."""
+        """Measure how much of each limb's distal half is seen, in the view where that is largest.
+
+        It is the share of its vertices that project to pixels of it: 1 for a limb in front of everything, though half
+        its vertices face away; 0 for one behind the body.
+        """
         own = np.asarray(self.character.weights).argmax(1)
         below = np.where(drawn.over >= 0, self.face_bodies[drawn.over], -1)
         shares = [np.where(below >= 0, limb[below], False)[:, limb[own]].mean(1).max() for limb in self.distal]
@@ -110,8 +113,10 @@ class Evidence:
 
 
 def uncovered_share(ids: Int[np.ndarray, "camera height width"], problem: FrameProblem) -> float:
-    """Share of the person's pixels that look foreign but are not covered, in the view where it is largest; thin seams
-    do not count."""
+    """Measure the share of the person's pixels that look foreign but are not covered.
+
+    The view in which it is largest counts; thin seams do not.
+    """
     covered, foreign = ids >= 0, np.asarray(problem.background) > 0.5
     shares = []
     for body, unlike in zip(covered, foreign, strict=True):
@@ -122,7 +127,7 @@ def uncovered_share(ids: Int[np.ndarray, "camera height width"], problem: FrameP
 def without_seams(
     marked: Bool[np.ndarray, "height width"], covered: Bool[np.ndarray, "height width"]
 ) -> Bool[np.ndarray, "height width"]:
-    """The marked pixels but for seams thinner than a twentieth of the body's size in this view."""
+    """Remove seams thinner than a twentieth of the body's size in this view from the marked pixels."""
     width = 2 * round(0.05 * np.sqrt(covered.sum()) / 2) + 1
     return cv2.morphologyEx(marked.astype(np.uint8), cv2.MORPH_OPEN, np.ones((width, width), np.uint8)) > 0
 

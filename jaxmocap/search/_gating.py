@@ -84,7 +84,7 @@ class SearchMemory(NamedTuple):
 
     @staticmethod
     def start(groups: int, limbs: int) -> "SearchMemory":
-        """Nothing is known before the first frame."""
+        """Make the memory in which nothing is known, before the first frame."""
         unknown = np.full(groups, -np.inf)
         return SearchMemory(unknown, np.zeros(groups, int), (), (None,) * limbs, np.zeros(limbs, int))
 
@@ -92,7 +92,10 @@ class SearchMemory(NamedTuple):
 def gated(
     settings: Gating, memory: SearchMemory, speeds: Float[np.ndarray, "group"], costs: Float[np.ndarray, "group"]
 ) -> tuple[Bool[np.ndarray, "group"], SearchMemory]:
-    """Which groups to search, from how fast each starts and what its start costs; and the memory after that."""
+    """Choose which groups to search, from how fast each starts and what its start costs.
+
+    Returns with them the memory after that.
+    """
     still = (speeds < settings.speed) & (costs <= memory.explained + settings.slack)
     needed = ~still | (memory.skipped >= settings.longest)
     return needed, memory._replace(skipped=np.where(needed, 0, memory.skipped + 1))

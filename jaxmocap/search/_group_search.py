@@ -48,7 +48,7 @@ class Mesh(eqx.Module):
 
 
 def simplified_mesh(character: Character, surface: Surface, share: float) -> Mesh:
-    """The mesh with this share of its faces (host)."""
+    """Simplify the mesh to this share of its faces (host)."""
     simple, nearest = simplify(character, max(round(share * character.faces.shape[0]), _LEAST_FACES))
     return Mesh(simple, simplified_surface(surface, np.asarray(simple.faces), nearest))
 
@@ -111,7 +111,7 @@ class _Level(eqx.Module):
     capacity: int = eqx.field(static=True)
 
     def of(self, group: GroupProblem) -> GroupProblem:
-        """The group as this stage sees it."""
+        """Return the group as this stage sees it."""
         step, (height, width) = self.stage.step, group.region.size
         character, frame = group.character, group.frame.coarser(step)
         if self.mesh is not None:
@@ -145,7 +145,7 @@ class _ParticleEnergy(eqx.Module):
 def particle_boxes(
     character: Character, part: BodyPart, pose: Pose, problem: FrameProblem, increments: Float[Array, "particle dof"]
 ) -> Float[Array, "camera 4"]:
-    """Box (left, top, right, bottom) in the rectangle that holds the part for all increments, per view."""
+    """Find the box (left, top, right, bottom) in the rectangle that holds the part for all increments, per view."""
 
     def box(delta: Array) -> Array:
         vertices = part.posed(character, retract(character.skeleton, pose, delta))
@@ -168,9 +168,12 @@ def wide_population(
     upper: Float[Array, "group_dof"],
     distal: Bool[Array, "group_dof"],
 ) -> Float[Array, "extra group_dof"]:
-    """First particles for a limb that moves faster than expected, or that was lost. In turn: Gaussian with three times
-    the spread; drawn evenly from the box, not farther than twelve times the spread; and for the `distal` DOFs drawn
-    evenly from all of it but Gaussian for the others, for a forearm or shin that left its place alone."""
+    """Draw first particles for a limb that moves faster than expected, or that was lost.
+
+    In turn: Gaussian with three times the spread; drawn evenly from the box, not farther than twelve times the spread;
+    and for the `distal` DOFs drawn evenly from all of it but Gaussian for the others, for a forearm or shin that left
+    its place alone.
+    """
     near_key, far_key = jax.random.split(key)
     normal = spread * jax.random.normal(near_key, (count, spread.shape[0]))
     low, high = jnp.maximum(lower, -12 * spread), jnp.minimum(upper, 12 * spread)
@@ -253,7 +256,7 @@ class GroupSearch:
     distal: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
 
     def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
-        """Corners of the region in the rectangle; its size grows in steps until it is the rectangle's."""
+        """Place the region's corners in the rectangle; its size grows in steps until it is the rectangle's."""
         height, width = problem.size
         boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
         extent = (boxes[:, 2:] - boxes[:, :2]).max(0) + 16
@@ -332,7 +335,7 @@ Groups = tuple[tuple[str, tuple[int, ...]], ...]
 
 
 def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
-    """The parts of all groups, left and right padded to the same shapes."""
+    """Make the parts of all groups, left and right padded to the same shapes."""
     kind = character.skeleton.kind
     plain = {name: body_part(character, dofs) for name, dofs in groups}
     parts = {}
@@ -346,8 +349,10 @@ def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
 def group_searches(
     character: Character, meshes: Mapping[float, Mesh] | None = None, groups: Groups | None = None
 ) -> list[GroupSearch]:
-    """One search per group, by default those of the skeleton. `meshes` holds a simplified mesh for every share of the
-    faces that a stage names, except 1."""
+    """Make one search per group, by default those of the skeleton.
+
+    `meshes` holds a simplified mesh for every share of the faces that a stage names, except 1.
+    """
     skeleton = character.skeleton
     groups = skeleton.groups if groups is None else groups
     parts = alike_parts(character, groups)

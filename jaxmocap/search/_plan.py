@@ -59,11 +59,14 @@ class SearchPlan:
             )
 
     def count(self, num_dofs: int, share: float = 1.0) -> int:
-        """Particles of a group."""
+        """Count the particles of a group."""
         return round(share * (particles_for(num_dofs) if self.particles is None else self.particles))
 
     def sized(self, sampler: AbstractSampler, dofs: tuple[int, ...], share: float = 1.0) -> AbstractSampler:
-        """The sampler with the iterations of all stages, and with the particles (a share of them) and the smallest
-        deviation of one group: 2 mm for translations, 0.25 degrees for angles."""
+        """Size the sampler for one group.
+
+        It gets the iterations of all stages, its particles (a share of them), and the smallest deviation: 2 mm for
+        translations, 0.25 degrees for angles.
+        """
         floor = jax.device_put(np.array([0.002 if dof < 3 else 0.00436 for dof in dofs], np.float32))
         return sampler.sized(self.count(len(dofs), share), sum(stage.iterations for stage in self.stages), floor)

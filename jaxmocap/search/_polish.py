@@ -32,7 +32,7 @@ class PolishPlan:
 
 
 def fitted(settings: SoftSettings, needed: Int[np.ndarray, "3"]) -> SoftSettings:
-    """Settings whose bounds hold `needed` windows, pixels and shares: powers of two, so that they seldom change."""
+    """Fit the settings' bounds to `needed` windows, pixels and shares: powers of two, so that they seldom change."""
     windows, pixels, shares = (2 ** int(np.ceil(np.log2(max(1.2 * count, 256)))) for count in np.asarray(needed))
     return replace(settings, windows=windows, pixels=pixels, shares=shares)
 
@@ -67,7 +67,7 @@ def _descend(energy, character, pose, problem, settings, steps, tolerance):
 def polish(
     energy: SearchEnergy, character: Character, pose: Pose, problem: FrameProblem, plan: PolishPlan | None = None
 ) -> tuple[Pose, float, float]:
-    """The pose after going downhill on the soft Eq. 5, within the joint limits, and the soft energy before and after.
+    """Descend on the soft Eq. 5 within the joint limits: the pose, and the soft energy before and after.
 
     Called from the host: bounds of `plan.soft` that are too small are enlarged. The pose stays as it was when no step
     lowers the energy.

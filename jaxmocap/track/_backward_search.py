@@ -45,7 +45,7 @@ class BackwardSearch:
 
 
 def doubtful_run(costs: Float[np.ndarray, "frame"], settings: BackwardSearch) -> int:
-    """How many frames just before the last one look foreign where the last one does not."""
+    """Count the frames just before the last one that look foreign where the last one does not."""
     foreign = (costs[:-1] > settings.foreign) & (costs[:-1] > costs[-1] + settings.better)
     return int(np.cumprod(foreign[::-1]).sum())
 
@@ -53,7 +53,7 @@ def doubtful_run(costs: Float[np.ndarray, "frame"], settings: BackwardSearch) ->
 def search_backwards(
     tracked: Sequence[Tracked], search: BodySearch, refinement: Refinement | None, settings: BackwardSearch
 ) -> dict[int, Pose]:
-    """Better poses of earlier frames, by position in `tracked`; the last frame is the one just tracked.
+    """Search better poses of earlier frames, by position in `tracked`; the last frame is the one just tracked.
 
     A doubtful limb is searched from where it was one frame later, or halfway from there to where it was last seen, from
     the youngest doubtful frame to the oldest; then the frames are refined from the oldest to the youngest. A pose
@@ -86,7 +86,7 @@ def _refined(
     skeleton: Skeleton,
     refinement: Refinement | None,
 ) -> Pose:
-    """A frame's new answer after the refinement, which sees the better poses of earlier frames."""
+    """Refine a frame's new answer; the refinement sees the better poses of earlier frames."""
     if refinement is None:
         return answer
     history = tracked[position].history
@@ -101,8 +101,10 @@ def _refined(
 def _straightened(
     tracked: Sequence[Tracked], poses: list[Pose], limb: int, search: BodySearch, settings: BackwardSearch
 ) -> dict[int, Pose]:
-    """The last frame but one with a limb searched from halfway, if it is far from there, and then half as far and not
-    hidden: behind the body it would cost nothing."""
+    """Search a limb of the last frame but one from halfway, if it is far from there.
+
+    The pose is kept if the limb is then half as far and not hidden: behind the body it would cost nothing.
+    """
     number, position = search.limbs[limb], len(tracked) - 2
     skeleton, dofs = search.character.skeleton, search.groups[number].dofs
     earlier, here, later = poses[-3:]
@@ -121,7 +123,7 @@ def _straightened(
 def _backwards(
     tracked: Sequence[Tracked], poses: list[Pose], run: int, number: int, search: BodySearch
 ) -> dict[int, Pose]:
-    """Searched poses of the doubtful frames of one limb, as far back as they are better."""
+    """Search the doubtful frames of one limb backwards, as far as the poses get better."""
     dofs, found = search.groups[number].dofs, {}
     last = len(tracked) - 1
     later, earlier = tracked[last].result.pose, poses[last - run - 1]

@@ -61,8 +61,10 @@ class Checkpoint:
         return (self.folder / _STATE).is_file()
 
     def load(self, observations: Observations) -> Saved | None:
-        """What was kept, None when there is nothing. Raises `InputError` when it was made with other inputs, by another
-        version, or is damaged."""
+        """Load what was kept, None when there is nothing.
+
+        Raises `InputError` when it was made with other inputs, by another version, or is damaged.
+        """
         if not self.exists:
             return None
         known, stands = self._context(observations)
@@ -85,7 +87,7 @@ class Checkpoint:
         return Saved(results, stored["leg"], stored["frame"], stored["state"], stored["sizes"])
 
     def keep(self, saved: Saved, observations: Observations) -> None:
-        """Called after every frame: write, unless that would cost too much time by now."""
+        """Write the state, unless that would cost too much time by now; called after every frame."""
         if time.monotonic() - self._last > self._cost / self.share:
             begin = time.monotonic()
             self.save(saved, observations)
@@ -137,8 +139,10 @@ class Checkpoint:
             )
 
     def _context(self, observations: Observations) -> tuple[dict[str, Any], tuple[Stand, ...]]:
-        """What is found again instead of being stored: tables that all frames share, decoded images, and problems,
-        which have files of their own."""
+        """Collect what is found again instead of being stored.
+
+        These are tables that all frames share, decoded images, and problems, which have files of their own.
+        """
         known = {"surface": observations.surface, "settings": observations.appearance.settings}
         decoded: dict[int, FrameImages] = {}
 

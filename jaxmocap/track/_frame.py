@@ -92,7 +92,7 @@ class FrameTracker:
         return self.judge(state, frame, answer, clock)
 
     def start(self, state: TrackingState, shown: FrameImages, clock: Clock) -> tuple[Frame, Pose, TrackingState]:
-        """The frame as arrays, and where its search starts: the flow start, or what scores better."""
+        """Observe the frame as arrays, and choose where its search starts: the flow start, or what scores better."""
         history, previous = _known(state)
         flow, speed = history.pose, np.zeros(len(shown.images))
         if self.tracker.flow_start:
@@ -108,7 +108,7 @@ class FrameTracker:
     def observe(
         self, state: TrackingState, shown: FrameImages, pose: Pose, speed: Float[np.ndarray, "camera"], clock: Clock
     ) -> tuple[Frame, TrackingState]:
-        """The frame as arrays around a predicted pose that moves by so many pixels per view."""
+        """Observe the frame as arrays around a predicted pose that moves by so many pixels per view."""
         with clock.stage("background"):
             vertices, before = np.asarray(skin(self.character, pose)), state.rectangle
             rectangle = frame_rectangle(vertices, self.observations.cameras, shown.frame, before, speed)
@@ -121,7 +121,7 @@ class FrameTracker:
     def search(
         self, state: TrackingState, frame: Frame, start: Pose, clock: Clock
     ) -> tuple[Pose, Float[np.ndarray, "dof"], TrackingState]:
-        """The pose found from this start and the deviation of the last particles (sec. 4.1)."""
+        """Search the pose from this start; return it with the deviation of the last particles (sec. 4.1)."""
         pose, deviation = start, np.zeros(self.character.skeleton.num_dofs)
         if self.body_search is not None:
             memory = state.search
@@ -139,7 +139,7 @@ class FrameTracker:
         return pose, deviation, state
 
     def refine(self, state: TrackingState, frame: Frame, answer: Answer, clock: Clock) -> Answer:
-        """The answer after the local refinement (sec. 4.2)."""
+        """Refine the answer locally (sec. 4.2)."""
         if self.refinement is None:
             return answer
         with clock.stage("refine"):
@@ -147,7 +147,7 @@ class FrameTracker:
             return replace(answer, pose=pose, hessian=hessian)
 
     def judge(self, state: TrackingState, frame: Frame, answer: Answer, clock: Clock) -> Step:
-        """The result of a frame, what it teaches the next one, and what it shows to be wrong in earlier ones."""
+        """Judge a frame's answer: its result, what it teaches the next frame, and what is wrong in earlier ones."""
         before, shown = state.history, frame.shown
         with clock.stage("score"):
             drawn = self.evidence.draw(answer.pose, frame.problem)
@@ -182,7 +182,7 @@ class FrameTracker:
         history: MotionHistory | None,
         seconds: dict[str, float],
     ) -> FrameResult:
-        """The record of a frame's answer."""
+        """Record a frame's answer."""
         _, terms = self.score(frame.problem, [answer.pose])
         speed = 0.0
         if history is not None:
@@ -209,8 +209,10 @@ class FrameTracker:
         )
 
     def sizes(self) -> dict[str, Any]:
-        """Static sizes of the compiled programs, which only grow: with them and a state another process goes on to the
-        same bits."""
+        """Return the static sizes of the compiled programs, which only grow.
+
+        With them and a state another process goes on to the same bits.
+        """
         search = self.body_search
         return {"score": self.score.capacity, "search": None if search is None else search.sizes()}
 
@@ -221,7 +223,7 @@ class FrameTracker:
             self.body_search.restore_sizes(sizes["search"])
 
     def _revise(self, state: TrackingState, clock: Clock) -> tuple[TrackingState, list[FrameResult]]:
-        """New results of earlier frames, and the state that follows from them."""
+        """Revise the results of earlier frames, and the state that follows from them."""
         settings = self.tracker.backward_search
         if self.body_search is None or settings is None or len(state.recent) < 3:
             return state, []
@@ -249,7 +251,7 @@ class FrameTracker:
         return lit_apart(as_before.images, previous.images)
 
     def _pass_over(self, state: TrackingState, shown: FrameImages) -> Step:
-        """A frame in another light; the next one that can be tracked will tell its pose."""
+        """Pass over a frame in another light; the next one that can be tracked will tell its pose."""
         history, _ = _known(state)
         limbs = len(self.evidence.distal)
         result = passed_over(self.character.skeleton, shown, history.pose, limbs)
@@ -261,7 +263,7 @@ class FrameTracker:
     def _in_first_light(
         self, state: TrackingState, shown: FrameImages, clock: Clock
     ) -> tuple[FrameImages, TrackingState]:
-        """The frame in the light of the one at which the sequence started."""
+        """Show the frame in the light of the one at which the sequence started."""
         settings = self.tracker.light
         if settings is None:
             return shown, state
@@ -274,7 +276,7 @@ class FrameTracker:
 
 
 def _known(state: TrackingState) -> tuple[MotionHistory, FrameImages]:
-    """What every state after the first frame holds."""
+    """Return what every state after the first frame holds."""
     assert state.history is not None
     assert state.previous is not None
     return state.history, state.previous

@@ -27,9 +27,11 @@ def search_again(
     history: MotionHistory | None,
     memory: SearchMemory,
 ) -> tuple[Pose, SearchMemory]:
-    """The pose after limbs that seem lost were searched again, in turn from where the frame's search began and from
-    where it ended; hidden ones also from where they were last seen. Those of the frame before have a part of these
-    searches."""
+    """Search limbs that seem lost again.
+
+    They are searched in turn from where the frame's search began and from where it ended; hidden ones also from where
+    they were last seen. Those of the frame before have a part of these searches.
+    """
     evidence, problem = search.evidence, frame.problem
     drawn = evidence.draw(pose, problem)
     hidden = evidence.limb_shares(drawn) < retry.hidden
@@ -71,8 +73,10 @@ def _shown(
     totals: Float[np.ndarray, "pose"],
     history: MotionHistory | None,
 ) -> Pose:
-    """The best pose that shows a limb, where it explains as much as the first, which hides it, or does so once both are
-    refined."""
+    """Choose the best pose that shows a limb, where it explains enough.
+
+    That is as much as the first pose, which hides the limb, at once or after both are refined.
+    """
     evidence, problem = search.evidence, frame.problem
     shares = [evidence.limb_shares(evidence.draw(pose, problem))[limb] for pose in poses]
     shown = np.array(shares) >= retry.hidden

@@ -49,7 +49,7 @@ def track_frames(
     progress: Callable[[Progress], None] | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> list[FrameResult]:
-    """Results of every frame in `frames` (start, stop), in order.
+    """Track every frame in `frames` (start, stop), in order, and return their results.
 
     Tracking starts at the last selected frame not after the first one wanted; when all selected frames come later, it
     starts at the earliest and also runs backwards. With a `checkpoint` what is done
@@ -93,7 +93,7 @@ def track_frames(
 
 
 def _legs(observations: Observations, frames: tuple[int, int] | None) -> tuple[list[range], range]:
-    """The frames to track, leg by leg, and those that are wanted of them."""
+    """List the frames to track, leg by leg, and those that are wanted of them."""
     capture = observations.capture
     first, stop = frames if frames is not None else (0, capture.num_frames)
     if not 0 <= first < stop <= capture.num_frames:
@@ -116,10 +116,13 @@ def motion_of(
     provenance: dict | None = None,
     verdict: VerdictSettings | None = None,
 ) -> Motion:
-    """The record of tracked frames, judged. `provenance["doubts"]` lists the frames that are not to be trusted and why,
-    `provenance["lost"]` the spans in which a part is lost, whose landmarks have no confidence, and
-    `provenance["outlier_cameras"]` those in which a camera shows the body elsewhere than the others, by which alone
-    these frames are judged; all in frames of the first video like the motion's own."""
+    """Judge tracked frames and record them as a motion.
+
+    `provenance["doubts"]` lists the frames that are not to be trusted and why, `provenance["lost"]` the spans in which
+    a part is lost, whose landmarks have no confidence, and `provenance["outlier_cameras"]` those in which a camera
+    shows the body elsewhere than the others, by which alone these frames are judged; all in frames of the first video
+    like the motion's own.
+    """
     capture, character = observations.capture, observations.character
     settings = verdict or VerdictSettings()
     judged = judge_sequence(results, character, capture.fps, settings, observations.key_poses, capture.camera_names)

@@ -15,8 +15,10 @@ Settings = TypeVar("Settings")
 
 
 def with_settings(tracker: Settings, settings: Mapping[str, Any]) -> Settings:
-    """The tracker with some settings changed: names are the attributes from the tracker down, joined by dots. Any other
-    record of settings can be changed the same way.
+    """Change some settings of a tracker.
+
+    Names are the attributes from the tracker down, joined by dots. Any other record of settings can be changed the same
+    way.
 
     A tuple's entries are named by their number, an energy's terms by their name: `search.stages.0.iterations`,
     `search_energy.terms.model_view.shading`. Values may be text. "off" (or None) leaves an optional part out, "on" puts
@@ -73,7 +75,7 @@ def _converted(part: Any, kind: Any, value: Any, name: str) -> Any:
 
 
 def _as_kind(kind: Any, value: Any) -> Any:
-    """The value as this kind; raises when it is none."""
+    """Convert the value to this kind; raise when it is none."""
     if get_origin(kind) is Literal:
         if value in get_args(kind):
             return value
@@ -98,7 +100,7 @@ def _as_kind(kind: Any, value: Any) -> Any:
 
 
 def _concrete(kind: Any) -> dict[str, type]:
-    """The classes of an abstract part, by name."""
+    """List the classes of an abstract part, by name."""
     return {one.__name__: one for one in kind.__subclasses__() if not isabstract(one)}
 
 

@@ -83,9 +83,11 @@ def _pixel_speed(
 def best_start(
     score: PoseScore, tracker: Tracker, frame: Frame, flow: Pose, history: MotionHistory, registered: Pose | None
 ) -> Pose:
-    """The last pose, the flow start or the registered pose of a selected frame, whichever scores best; with
-    `prediction`, and with detections, its root, torso and limbs one by one where the last motion would lead, and where
-    the detections are, if that scores better."""
+    """Choose the best start: the last pose, the flow start or the registered pose of a selected frame.
+
+    With `prediction`, and with detections, its root, torso and limbs are moved one by one to where the last motion
+    would lead, and to where the detections are, if that scores better.
+    """
     character, problem = score.character, frame.problem
     skeleton = character.skeleton
     candidates = [history.pose, flow]
@@ -105,7 +107,7 @@ def best_start(
 
 
 def _towards(score: PoseScore, frame: Frame, pose: Pose, goal: Pose) -> Pose:
-    """The pose with those of its parts, root, torso or limb, moved to the goal that then score better."""
+    """Move those parts of a pose, root, torso or limb, to the goal that then score better."""
     skeleton = score.character.skeleton
     step = np.asarray(difference(skeleton, pose, goal))
     parts = np.stack([np.isin(np.arange(skeleton.num_dofs), dofs) for _, dofs in skeleton.groups])
@@ -118,7 +120,7 @@ def _towards(score: PoseScore, frame: Frame, pose: Pose, goal: Pose) -> Pose:
 
 
 def _onto_detections(character: Character, frame: Frame, pose: Pose, plan: DetectionPlan) -> Pose:
-    """The pose after a few steps of inverse kinematics to the detections' rays."""
+    """Bring the pose to the detections' rays by a few steps of inverse kinematics."""
     skeleton = character.skeleton
     points = (detection_rays(skeleton, frame.problem, plan, robust=ONTO_ROBUST),)
     prior = free_prior(character, pose, 0.05)

@@ -63,8 +63,10 @@ class Tracker:
 
     @staticmethod
     def preset(quality: Quality = "normal") -> "Tracker":
-        """Settings by name: "paper" is the published method and budget, "normal" the best accuracy per second, "draft"
-        a quick look."""
+        """Choose settings by name.
+
+        "paper" is the published method and budget, "normal" the best accuracy per second, "draft" a quick look.
+        """
         if quality == "paper":
             return Tracker()
         fast = search_energy(
