@@ -50,9 +50,11 @@ def compile_sooner() -> None:
 
 
 def quick_loops() -> dict[str, bool | int]:
-    """Compiler options under which XLA makes loops in its newer way, in which scores are computed up to 1.5 times as
-    fast, and with all 512 bits of a vector where the processor has them (XLA by itself uses 256), which saves another
-    tenth."""
+    """List compiler options under which XLA makes loops in its newer way and uses whole vectors.
+
+    Scores are then computed up to 1.5 times as fast. All 512 bits of a vector, where the processor has them (XLA by
+    itself uses 256), save another tenth.
+    """
     if not _emitters_known():
         return {}
     return {_EMITTERS: True} | ({_VECTORS: 512} if _wide_vectors() else {})

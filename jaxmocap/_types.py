@@ -16,7 +16,10 @@ Knob = Float[Array, ""] | float
 
 
 def knob(default: float) -> Any:
-    """A hyper-parameter one may sweep: an array leaf, so that changing it, or `vmap`-ing over it, never recompiles."""
+    """Declare a hyper-parameter one may sweep.
+
+    It is an array leaf, so that changing it, or `vmap`-ing over it, never recompiles.
+    """
     as_array: Callable[[Any], Array] = lambda value: jnp.asarray(value, dtype=jnp.float32)  # noqa: E731
     return eqx.field(converter=as_array, default=default)
 

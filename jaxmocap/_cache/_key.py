@@ -18,6 +18,6 @@ def code_hash() -> str:
 
 
 def machine() -> str:
-    """Where programs run: kind and number of devices, and the processor; other ones round differently."""
+    """Describe where programs run: kind and number of devices, and the processor; other ones round differently."""
     devices = jax.devices()
     return f"{len(devices)} x {devices[0].device_kind} on {platform.machine()} {platform.processor()}".strip()

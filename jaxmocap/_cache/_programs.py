@@ -49,7 +49,7 @@ _used: dict[str, None] = {}
 
 
 def cached_jit(function: Callable[_P, _T], options: Callable[[], dict[str, Any]] = dict) -> Callable[_P, _T]:
-    """`eqx.filter_jit` of a pure function of this package, whose lowered programs are kept on disk (CPU only).
+    """Wrap a pure function of this package in `eqx.filter_jit`; its lowered programs are kept on disk (CPU only).
 
     It takes positional arguments. A program is taken from disk where the package's source, the versions of what traces
     it, JAX's configuration, the devices, every static value and the shape and type of every array are the same. Where
@@ -61,7 +61,7 @@ def cached_jit(function: Callable[_P, _T], options: Callable[[], dict[str, Any]]
 
 
 def optimised_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """`cached_jit` for what runs for seconds in every frame: compiled for speed where that takes XLA longer."""
+    """Wrap what runs for seconds in every frame in `cached_jit`, compiled for speed where that takes XLA longer."""
     return cached_jit(function, quick_loops)
 
 
@@ -185,7 +185,7 @@ class _CachedJit:
         return program
 
     def _lowered(self, tree: Any, leaves: list[Any], arrays: list[Any]) -> dict[str, Any]:
-        """What is stored of a program, made by tracing."""
+        """Trace a program and return what is stored of it."""
         fixed = [None if eqx.is_array(leaf) else leaf for leaf in leaves]
         places = [place for place, leaf in enumerate(leaves) if eqx.is_array(leaf)]
         answers: list[Any] = []
@@ -215,7 +215,7 @@ def _read(path: Path, compile_it: bool = False) -> _Program:
 
 
 def _loaded(stored: dict[str, Any], compile_it: bool = False) -> _Program:
-    """A stored program; with `compile_it` XLA has it ready before it is first called."""
+    """Load a stored program; with `compile_it` XLA has it ready before it is first called."""
     exported = jax.export.deserialize(bytearray(stored["program"].tobytes()))
 
     def program(*arrays: Any) -> Any:
@@ -250,7 +250,7 @@ def _configuration() -> dict[str, str]:
 
 
 def _key(function: Callable[..., Any], options: dict[str, Any], tree: Any, leaves: list[Any]) -> str:
-    """A hash of all that a program depends on. Raises `TypeError` for values that have no name in another run."""
+    """Hash all that a program depends on. Raises `TypeError` for values that have no name in another run."""
     described = [{"array": _shape(leaf)} if eqx.is_array(leaf) else leaf for leaf in leaves]
     return digest(
         {

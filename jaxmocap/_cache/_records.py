@@ -65,8 +65,10 @@ def write_records(
 def read_records(
     path: str | os.PathLike[str], known: Mapping[str, Any] | None = None, stands: tuple[Stand, ...] = ()
 ) -> Any:
-    """What `write_records` wrote; `known` and `stands` are those of the writing. Raises `UnreadableRecord` for a file
-    that is damaged or of another version, `OSError` for one that cannot be opened."""
+    """Read what `write_records` wrote; `known` and `stands` are those of the writing.
+
+    Raises `UnreadableRecord` for a file that is damaged or of another version, `OSError` for one that cannot be opened.
+    """
     try:
         with np.load(Path(path), allow_pickle=False) as stored:
             return _decoded(json.loads(str(stored[_TREE])), stored, known or {}, stands)
@@ -75,8 +77,11 @@ def read_records(
 
 
 def digest(value: Any, foreign: bool = True) -> str:
-    """A hash of all that `write_records` would store, equal for equal content whatever file it came from. Takes records
-    of other packages too, and functions by their names, unless `foreign` is off: then they raise `TypeError`."""
+    """Hash all that `write_records` would store: equal for equal content, whatever file it came from.
+
+    Takes records of other packages too, and functions by their names, unless `foreign` is off: then they raise
+    `TypeError`.
+    """
     encode = _Encoder({}, foreign=foreign)
     found = hashlib.blake2b(json.dumps(encode(value)).encode(), digest_size=16)
     for array in encode.arrays:
@@ -86,7 +91,7 @@ def digest(value: Any, foreign: bool = True) -> str:
 
 
 def different(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """The names in `now` whose values are others in `before`, as words in a sentence; empty when there are none."""
+    """Name what in `now` has another value in `before`, as words in a sentence; empty when nothing has."""
     return " and ".join(name for name in now if before.get(name) != now[name])
 
 
@@ -187,7 +192,7 @@ def _fields(cls: type) -> list[str] | None:
 
 
 def _built(name: str, values: dict[str, Any]) -> Any:
-    """A record of the package from its fields, as they were, without calling a constructor that may change them."""
+    """Build a record of the package from its fields, as they were, without a constructor that may change them."""
     module, _, qualified = name.partition(":")
     if module.split(".")[0] != _PACKAGE or "." in qualified:
         raise ValueError(f"{name} is no record of {_PACKAGE}")

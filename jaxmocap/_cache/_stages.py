@@ -16,8 +16,10 @@ LARGEST = 2 << 30
 
 
 def cached_stage(name: str, inputs: Mapping[str, Any], make: Callable[[], Any], folder: Path | None = None) -> Any:
-    """What `make()` returns, from disk if it has been made before of the same `inputs`. Whatever is wrong with the
-    folder, the stage is made."""
+    """Return what `make()` returns, from disk if it has been made before of the same `inputs`.
+
+    Whatever is wrong with the folder, the stage is made.
+    """
     folder = cache_folder("stages") if folder is None else folder
     path = folder / f"{name}-{digest(dict(inputs))}.npz"
     with contextlib.suppress(OSError, UnreadableRecord):

@@ -20,7 +20,7 @@ import numpy as np
 
 @contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary path beside `path`, with the same suffix, for code that writes a file by name (a video encoder).
+    """Give a temporary path beside `path`, with the same suffix, to code that writes a file by name (a video encoder).
 
     When the block ends well, the file is flushed to disk and renamed to `path`; when it raises, the file is deleted.
     """
@@ -61,7 +61,7 @@ def write_npz(path: str | os.PathLike[str], arrays: Mapping[str, np.ndarray]) ->
 
 
 def npz_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """The bytes `write_npz` would write."""
+    """Return the bytes `write_npz` would write."""
     for name, values in arrays.items():
         if values.dtype.hasobject:
             raise TypeError(f"the array {name} holds Python objects")
@@ -71,13 +71,13 @@ def npz_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def json_text(value: Any) -> str:
-    """Indented JSON; values that are not finite become null."""
+    """Write indented JSON; values that are not finite become null."""
     return json.dumps(plain(value), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 @contextlib.contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """An empty folder beside `path`, renamed to `path` when the block ends well and deleted when it raises.
+    """Make an empty folder beside `path`; rename it to `path` if the block ends well, delete it if it raises.
 
     `path` must not exist, or be an empty folder; otherwise `OSError`, with nothing changed.
     """
@@ -107,8 +107,10 @@ def keep_newest(folder: Path, most: int) -> None:
 
 
 def plain(value: Any) -> Any:
-    """`value` with NumPy and JAX scalars, arrays, tuples and paths turned into what JSON knows; NaN and infinity
-    become None. Raises `TypeError` for anything else."""
+    """Turn NumPy and JAX scalars, arrays, tuples and paths in `value` into what JSON knows; NaN and infinity into None.
+
+    Raises `TypeError` for anything else.
+    """
     if value is None or isinstance(value, str | bool | int):
         return value
     if isinstance(value, float):

@@ -34,7 +34,7 @@ METHODS: dict[str, Callable[[Quality], Tracker | Method]] = {
 
 
 def method(name: str, quality: Quality = "normal") -> Tracker | Method:
-    """The method of this name. Raises `InputError` for an unknown name."""
+    """Return the method of this name. Raises `InputError` for an unknown name."""
     if name not in METHODS:
         raise InputError(f"there is no method '{name}'; choose one of {', '.join(METHODS)}.")
     return METHODS[name](quality)

@@ -24,7 +24,7 @@ class ColourHistograms:
     def fit(
         pairs: list[tuple[UInt8[np.ndarray, "_ _ 3"], Bool[np.ndarray, "_ _"]]],
     ) -> "ColourHistograms":
-        """From pictures and masks of the person."""
+        """Fit both histograms to pictures and masks of the person."""
         counts = np.zeros((2, _BINS, _BINS, _BINS))
         for picture, mask in pairs:
             for label in (0, 1):
@@ -42,7 +42,7 @@ class ColourHistograms:
         return ColourHistograms(person=smooth[1], ground=smooth[0])
 
     def mixed(self, other: "ColourHistograms", share: float) -> "ColourHistograms":
-        """With this share of another pair."""
+        """Mix in this share of another pair."""
         person, ground = (
             (1 - share) * mine + share * theirs
             for mine, theirs in ((self.person, other.person), (self.ground, other.ground))
@@ -50,14 +50,17 @@ class ColourHistograms:
         return ColourHistograms(person, ground)
 
     def costs(self, picture: UInt8[np.ndarray, "height width 3"]) -> tuple[np.ndarray, np.ndarray]:
-        """-log P of every pixel as person and as ground, nats, each (height, width)."""
+        """Compute -log P of every pixel as person and as ground, nats, each (height, width)."""
         index = tuple((picture // (256 // _BINS)).astype(np.intp).transpose(2, 0, 1))
         return -np.log(self.person[index]), -np.log(self.ground[index])
 
 
 def selected_histograms(observations: Observations) -> list[ColourHistograms]:
-    """One pair per camera, from the selected frames: their masks, or the registered silhouettes where there are none,
-    and the surroundings of the person."""
+    """Fit one pair of histograms per camera to the selected frames.
+
+    They are those of the masks, or of the registered silhouettes where there are none, and of the surroundings of the
+    person.
+    """
     found = []
     for camera in range(observations.cameras.num_cameras):
         pairs = []

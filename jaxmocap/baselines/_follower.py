@@ -50,7 +50,7 @@ class Follower:
         return self.frames.judge(state, frame, Answer(pose, np.zeros(self.character.skeleton.num_dofs)), clock)
 
     def sizes(self) -> dict[str, Any]:
-        """Static sizes of the compiled programs."""
+        """Return the static sizes of the compiled programs."""
         return self.frames.sizes()
 
     def restore_sizes(self, sizes: dict[str, Any]) -> None:
@@ -69,18 +69,18 @@ class Baseline(abc.ABC):
     name = "baseline"
 
     def follow(self, observations: Observations, key: PRNGKeyArray) -> Follower:
-        """The worker of one sequence."""
+        """Make the worker of one sequence."""
         return Follower(self, observations, key)
 
     def learn_appearance(self, observations: Observations) -> Any:
-        """What the method knows of colours before the first frame; kept as `Follower.memory`."""
+        """Learn what the method knows of colours before the first frame; kept as `Follower.memory`."""
         return None
 
     def start(self, worker: Follower, history: MotionHistory) -> Pose:
-        """Where a frame begins: the pose that the autoregression of Eq. 10 predicts."""
+        """Predict by the autoregression of Eq. 10 the pose at which a frame begins."""
         skeleton = worker.character.skeleton
         return clamp(skeleton, retract(skeleton, history.pose, history.predicted("ridge")))
 
     @abc.abstractmethod
     def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:
-        """The pose of one frame."""
+        """Find the pose of one frame."""

@@ -57,7 +57,7 @@ class GridCut:
         return float(least.sum())
 
     def energy(self, if_one: Float[np.ndarray, "height width"], if_zero: Float[np.ndarray, "height width"]) -> float:
-        """The least energy, nats; `if_one` and `if_zero` are what each label costs."""
+        """Compute the least energy, nats; `if_one` and `if_zero` are what each label costs."""
         sure = self._set(if_one, if_zero)
         sink = self._sink
         return (sure + float(maximum_flow(self._graph, sink - 1, sink).flow_value)) / _UNITS
@@ -65,7 +65,7 @@ class GridCut:
     def labels(
         self, if_one: Float[np.ndarray, "height width"], if_zero: Float[np.ndarray, "height width"]
     ) -> Bool[np.ndarray, "height width"]:
-        """Where the best labelling says 1: the side of the source, which pays `if_zero` where it is cut off."""
+        """Mark where the best labelling says 1: the side of the source, which pays `if_zero` where it is cut off."""
         self._set(if_one, if_zero)
         sink = self._sink
         left = self._graph - maximum_flow(self._graph, sink - 1, sink).flow
@@ -76,7 +76,7 @@ class GridCut:
         return ones[: sink - 1].reshape(self.shape)
 
     def energy_of(self, labels: np.ndarray, if_one: np.ndarray, if_zero: np.ndarray) -> float:
-        """The energy of any labelling, nats."""
+        """Compute the energy of any labelling, nats."""
         one, zero = (np.rint(_UNITS * np.clip(costs, -1e4, 1e4)) for costs in (if_one, if_zero))
         flat = labels.ravel()
         cut = flat[self.pairs[0]] != flat[self.pairs[1]]

@@ -47,7 +47,7 @@ class SegmentAndFit(Baseline):
     name = "segment and fit"
 
     def learn_appearance(self, observations: Observations) -> list[ColourHistograms]:
-        """The colour densities of the selected frames."""
+        """Learn the colour densities of the selected frames."""
         return selected_histograms(observations)
 
     def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:

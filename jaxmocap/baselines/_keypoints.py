@@ -51,7 +51,7 @@ class KeypointTriangulation(Baseline):
     name = "keypoint triangulation"
 
     def follow(self, observations: Observations, key: PRNGKeyArray) -> Follower:
-        """Raises `InputError` where the observations hold no detections."""
+        """Make the worker of one sequence. Raises `InputError` where the observations hold no detections."""
         if observations.detections is None:
             raise InputError(
                 f"capture '{observations.capture.name}' comes without keypoints at every frame, which keypoint "
@@ -60,7 +60,7 @@ class KeypointTriangulation(Baseline):
         return super().follow(observations, key)
 
     def start(self, worker: Follower, history: MotionHistory) -> Pose:
-        """The last pose: where depth is weak, extrapolating noise would run away."""
+        """Begin at the last pose: where depth is weak, extrapolating noise would run away."""
         return history.pose
 
     def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:

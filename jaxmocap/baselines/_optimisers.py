@@ -25,21 +25,25 @@ from jaxmocap.track import Tracker
 
 
 def local_only(quality: Quality = "normal") -> Tracker:
-    """Local optimisation only (Fig. 12): optical flow and the refinement of sec. 4.2, no search."""
+    """Make a tracker that optimises locally only (Fig. 12): optical flow and the refinement of sec. 4.2, no search."""
     return replace(Tracker.preset(quality), search=None, prediction=False)
 
 
 def _whole(plan: SearchPlan) -> SearchPlan:
-    """A search of the whole body that may score as many particles as this plan does group by group on the usual
-    skeleton of a person."""
+    """Plan a search of the whole body with as many particles as this plan has group by group.
+
+    They are counted on the usual skeleton of a person.
+    """
     groups = human_table().groups
     counts = [plan.count(len(dofs), 1.0 if is_limb(name) else plan.trunk) for name, dofs in groups]
     return SearchPlan(plan.stages, sum(counts), plan.spread, groups="whole")
 
 
 def annealed_particle_filter(quality: Quality = "normal") -> Tracker:
-    """Annealed particle filter on Eq. 5: all degrees of freedom at once, from the last pose with process noise, the
-    answer being the weighted mean; no optical flow and no refinement.
+    """Make an annealed particle filter on Eq. 5.
+
+    All degrees of freedom are searched at once, from the last pose with process noise; the answer is the weighted mean.
+    There is no optical flow and no refinement.
 
     Its layers are those of Deutscher and Reid, Articulated body motion capture by stochastic search, IJCV 61, 2005: all
     particles are drawn anew by their weights, whose sharpness keeps half of them, and diffused by the spread of those.
@@ -138,8 +142,10 @@ class CovarianceMatrixAdaptation(AbstractSampler):
 
 
 def covariance_matrix_adaptation(quality: Quality = "normal") -> Tracker:
-    """CMA-ES on Eq. 5 over all degrees of freedom at once, in place of the hierarchical annealing and with its
-    budget; flow start and refinement are the tracker's."""
+    """Make a tracker that runs CMA-ES on Eq. 5 over all degrees of freedom at once.
+
+    It takes the place of the hierarchical annealing and has its budget; flow start and refinement are the tracker's.
+    """
     preset = Tracker.preset(quality)
     assert preset.search is not None
     sampler = CovarianceMatrixAdaptation()

@@ -53,7 +53,7 @@ class StickFigure:
         cam_from_world: Float[np.ndarray, "4 4"],
         pixels: Float[np.ndarray, "pixel 2"],
     ) -> Float[np.ndarray, "pixel"]:
-        """Pixels from each point of the image to the nearest capsule, negative inside."""
+        """Measure the pixels from each point of the image to the nearest capsule, negative inside."""
         local = landmarks @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
         depth = np.maximum(local[:, 2:], 0.1)
         screen = (local @ intrinsics.T)[:, :2] / depth
@@ -94,11 +94,11 @@ class PoseCut(Baseline):
     name = "posecut"
 
     def learn_appearance(self, observations: Observations) -> tuple[StickFigure, list[ColourHistograms]]:
-        """The stick figure, and the histograms of the selected frames."""
+        """Make the stick figure, and the histograms of the selected frames."""
         return StickFigure(observations.character), selected_histograms(observations)
 
     def start(self, worker: Follower, history: MotionHistory) -> Pose:
-        """The last pose, as in the publication."""
+        """Begin at the last pose, as in the publication."""
         return history.pose
 
     def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:
@@ -127,7 +127,7 @@ class PoseCut(Baseline):
         return clamp(skeleton, retract(skeleton, start, jnp.asarray(found, jnp.float32)))
 
     def energy(self, worker: Follower, frame: Frame, pose: Pose):
-        """A function of increments (dof,) of a pose: the sum over the views of the smallest cut, nats per pixel."""
+        """Make a function of increments (dof,) of a pose: the sum over views of the smallest cut, nats per pixel."""
         figure, histograms = worker.memory
         view, rectangle = worker.cameras.at(frame.number), frame.rectangle
         step = int(np.ceil(np.sqrt(rectangle.height * rectangle.width / self.pixels)))

@@ -70,9 +70,11 @@ class SearchBatch(eqx.Module):
         step: int = 4,
         driver: Driver | None = None,
     ) -> "SearchBatch":
-        """Around `pose`, the degrees of freedom of `group` ("root", "l_arm", ...), on every `step`-th pixel of the
-        frame's rectangle. `driver` is how particles are drawn, by default the machine's best. Raises `InputError`
-        for an unknown group."""
+        """Set up a search around `pose` over the degrees of freedom of `group` ("root", "l_arm", ...).
+
+        It sees every `step`-th pixel of the frame's rectangle. `driver` is how particles are drawn, by default the
+        machine's best. Raises `InputError` for an unknown group.
+        """
         groups = dict(character.skeleton.groups)
         if group not in groups:
             raise InputError(f"there is no group '{group}'; choose one of {', '.join(groups)}.")
@@ -91,7 +93,7 @@ class SearchBatch(eqx.Module):
         return SearchBatch(energy, sampler, whole, spread, lower, upper, dofs, capacity, driver)
 
     def one(self, energy: SearchEnergy, key: PRNGKeyArray) -> tuple[Float[Array, "dof"], Float[Array, ""]]:
-        """The increment found with this energy and key, and its energy."""
+        """Search once with this energy and key: the increment found, and its energy."""
         return _one(self, energy, key)
 
     def __call__(self, settings: Mapping[str, Float[Array, "setting"]], seeds: Int[Array, "seed"]) -> BatchedSearch:
@@ -103,8 +105,10 @@ class SearchBatch(eqx.Module):
         return BatchedSearch(increments, values)
 
     def batched(self, settings: Mapping[str, Float[Array, "setting"]]) -> tuple[SearchEnergy, Any]:
-        """The energy with a leading axis on every leaf that is varied, and which leaves have one, as `vmap` wants it.
-        Raises `InputError` if settings differ in length or are not numbers that can be swept."""
+        """Give every leaf of the energy that is varied a leading axis; say which leaves have one, as `vmap` wants.
+
+        Raises `InputError` if settings differ in length or are not numbers that can be swept.
+        """
         lengths = {name: np.shape(values) for name, values in settings.items()}
         if not lengths or len(set(lengths.values())) > 1 or any(len(shape) != 1 for shape in lengths.values()):
             raise InputError(f"settings to be batched need one array each, all of one length; got {lengths}.")

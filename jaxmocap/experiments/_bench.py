@@ -143,7 +143,7 @@ def _matching(trials: list[Trial], only: str) -> list[Trial]:
 
 
 def _folders(trials: Sequence[Trial], out: Path) -> dict[str, Path]:
-    """The captures of the comparison, for pictures."""
+    """Find the captures of the comparison, for pictures."""
     found: dict[str, Path] = {}
     for trial in trials:
         capture = trial.run.capture

@@ -73,7 +73,7 @@ def figures_of(rows: Sequence[Row]) -> list[Figure]:
 
 
 def _spread(groups: Sequence[Sequence[float]]) -> float:
-    """Standard deviation between the seeds of an experiment, pooled over all that have several."""
+    """Compute the standard deviation between an experiment's seeds, pooled over all groups that have several."""
     several = [errors for errors in groups if len(errors) > 1]
     if not several:
         return _SPREAD
@@ -81,7 +81,7 @@ def _spread(groups: Sequence[Sequence[float]]) -> float:
 
 
 def _error(metric: str, value: float, spread: float, runs: int) -> Figure:
-    """A median or mean of errors, with their standard deviation between seeds and how many they are."""
+    """Record a median or mean of errors, with their standard deviation between seeds and how many they are."""
     about: Figure = {"spread": round(spread, 5), "runs": runs}
     return figure(metric, value, "cm", _tolerance(value, spread, runs)) | about
 
@@ -91,7 +91,7 @@ def _tolerance(value: float, spread: float, runs: float) -> float:
 
 
 def _as_chance_allows(one: Figure, earlier: Figure | None) -> Figure:
-    """The figure with the tolerance that the spread of the baseline gives its runs, where the baseline knows one."""
+    """Give the figure the tolerance that the spread of the baseline allows its runs, where the baseline knows one."""
     if earlier is None or "spread" not in earlier:
         return one
     value, spread, runs = (float(str(x)) for x in (earlier["value"], earlier["spread"], one["runs"]))

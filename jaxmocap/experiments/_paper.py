@@ -142,8 +142,10 @@ def paper(
 
 
 def _silhouettes(dance: CaptureSpec, seeds: Sequence[int], base: Run) -> list[Trial]:
-    """The methods that rest on silhouettes, and ours, with views that are few and near, few and far apart, and more, on
-    which the order of Fig. 15 depends."""
+    """List the methods that rest on silhouettes, and ours.
+
+    The views are few and near, few and far apart, and more: the order of Fig. 15 depends on that.
+    """
     captures = [
         replace(
             dance.varied(num_cameras=views, view_angle_degrees=degrees), name=f"{views}-views-{degrees:g}-degrees-apart"
@@ -155,7 +157,7 @@ def _silhouettes(dance: CaptureSpec, seeds: Sequence[int], base: Run) -> list[Tr
 
 
 def _as_printed(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run, quality) -> list[Trial]:
-    """The stories of Fig. 1 without the prior of the search, which the paper does not have and which rescues, too."""
+    """Run the stories of Fig. 1 without the prior of the search, which the paper lacks and which rescues, too."""
     parts: list[Setting] = [
         ("all parts", {}, {}),
         *(without(f"no {term}", quality) for term in ("background", "view-view")),
@@ -166,7 +168,7 @@ def _as_printed(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base:
 
 
 def _more(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run) -> list[Trial]:
-    """What the paper does not vary, and the resolution of its grid."""
+    """Vary what the paper does not, and the resolution of its grid."""
     arms, light = captures[ARMS], captures[LIGHT]
     weight = "search_energy.terms.view_view.weight"
 

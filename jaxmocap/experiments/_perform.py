@@ -82,7 +82,7 @@ def _record(
     tracking: float,
     cpu: float,
 ) -> dict[str, Any]:
-    """The row: settings, seed, versions, capture hash and what came out; seconds."""
+    """Build the row: settings, seed, versions, capture hash and what came out; seconds."""
     seconds = [sum(result.seconds.values()) for result in results][1:] or [float("nan")]
     markers, joints = scores.get("marker_error_cm", {}), scores.get("joint_error_cm", {})
     return {

@@ -144,7 +144,7 @@ def _curves(rows: Sequence[Row]) -> str:
 
 
 def _legend(names: Sequence[str]) -> str:
-    """The lines' colours, as HTML."""
+    """Write the lines' colours, as HTML."""
     entries = [
         f'<span><i style="background:{_COLOURS[i % len(_COLOURS)]}"></i>{escape(name)}</span>'
         for i, name in enumerate(names)
@@ -153,13 +153,13 @@ def _legend(names: Sequence[str]) -> str:
 
 
 def _nice(step: float) -> float:
-    """The next 1, 2 or 5 times a power of ten."""
+    """Round up to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(max(step, 1e-6)))
     return float(power * min(n for n in (1, 2, 5, 10) if n * power >= step * (1 - 1e-9)))
 
 
 def _overlays(rows: Sequence[Row], out: Path, captures: dict[str, Path]) -> str:
-    """The last frame of every method side by side, as the first camera sees it, ours first."""
+    """Draw the last frame of every method side by side, as the first camera sees it, ours first."""
     seed, parts = min(row["seed"] for row in rows), []
     for name, folder in captures.items():
         members = [row for row in rows if row["capture"] == name and row["seed"] == seed and row["status"] == "done"]

@@ -26,7 +26,7 @@ class Sensitivity(NamedTuple):
 def sensitivity(
     objective: Objective, minimum: Float[Array, "unknown"], setting: Float[Array, "*setting"]
 ) -> Sensitivity:
-    """`d x* / d setting = -H^-1 d^2 E / (dx d setting)` for `x* = argmin_x E(x, setting)`.
+    """Compute `d x* / d setting = -H^-1 d^2 E / (dx d setting)` for `x* = argmin_x E(x, setting)`.
 
     Valid where the gradient vanishes and the Hessian H is positive: look at `gradient` and `curvature`. Directions of
     no curvature (smaller than 1e-6 of the largest) are left out, since the minimum does not say where it is along them.
@@ -46,7 +46,7 @@ def sensitivity(
 def newton(
     objective: Objective, start: Float[Array, "unknown"], setting: Float[Array, "*setting"], steps: int = 20
 ) -> Float[Array, "unknown"]:
-    """The minimum near `start` by damped Newton steps, each halved until the objective falls."""
+    """Find the minimum near `start` by damped Newton steps, each halved until the objective falls."""
     value = eqx.filter_jit(objective)
     slope = eqx.filter_jit(jax.grad(objective))
     curve = eqx.filter_jit(jax.jacfwd(jax.grad(objective)))

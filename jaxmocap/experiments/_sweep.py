@@ -98,7 +98,7 @@ def attempt(run: Run, out: Path, captures: Path) -> dict[str, Any]:
 
 
 def _by_capture(runs: Sequence[Run]) -> list[Run]:
-    """Runs that share a registration beside each other."""
+    """Sort runs so that those that share a registration are beside each other."""
     return sorted(runs, key=lambda run: (run.capture_name, str(run.inputs), run.seed, str(run.appearance)))
 
 

@@ -98,7 +98,7 @@ def _write_parquet(columns: dict[str, list[Any]], path: Path) -> None:
 
 
 def _errors(rows: Sequence[Row]) -> Table:
-    """Method by capture."""
+    """Tabulate errors, method by capture."""
     captures, methods = _in_order(rows, "capture"), _in_order(rows, "value")
     body = []
     for method in methods:
@@ -123,7 +123,7 @@ def _margins(rows: Sequence[Row]) -> Table:
 
 
 def _factor(name: str, rows: Sequence[Row]) -> Table:
-    """A value by row, per capture; the difference from the first value of the same capture."""
+    """Tabulate a value by row, per capture, and the difference from the first value of the same capture."""
     body = []
     several = len(_in_order(rows, "capture")) > 1 and len(_in_order(rows, "value")) == 1
     for capture in [None] if several else _in_order(rows, "capture"):

@@ -111,7 +111,7 @@ def _first_mesh(character: Character, motion: Motion) -> np.ndarray:
 
 
 def _corners(character: Character, motion: Motion, faces: np.ndarray) -> np.ndarray:
-    """The three corners of some faces in every frame, (T, M, 3, 3); only their vertices are skinned."""
+    """Skin the three corners of some faces in every frame, (T, M, 3, 3), and no other vertex."""
     used, where = np.unique(faces, return_inverse=True)
     vertices = np.asarray(character.vertices)[used]
     weights = np.asarray(character.weights)[used]

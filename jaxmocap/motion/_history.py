@@ -19,7 +19,7 @@ def predict_difference(
     mode: Order = "ridge",
     ridge: ArrayLike = 0.1,
 ) -> Float[Array, "dof"]:
-    """Predicted next difference `chi^_t - chi_{t-1}` from past differences `d_k = chi_k - chi_{k-1}`, oldest first.
+    """Predict the next difference `chi^_t - chi_{t-1}` from past ones `d_k = chi_k - chi_{k-1}`, oldest first.
 
     The paper says "linear 3rd order" and names no coefficients. On poses `chi^_t = a1 chi_{t-1} + a2 chi_{t-2} + a3
     chi_{t-3}`; here a1 + a2 + a3 = 1, so that the choice of a zero angle does not matter and the root can be predicted
@@ -82,7 +82,7 @@ class MotionHistory(NamedTuple):
     steps: int = 1
 
     def predicted(self, mode) -> Float[np.ndarray, "dof"]:
-        """The increment to the next frame by the autoregression of Eq. 10."""
+        """Predict the increment to the next frame by the autoregression of Eq. 10."""
         num_dofs = ROOT_DOFS + self.pose.angles.shape[0]
         if not self.increments:
             return np.zeros(num_dofs)
@@ -91,8 +91,10 @@ class MotionHistory(NamedTuple):
         return self.steps * np.asarray(predict_difference(jnp.asarray(window), len(self.increments), mode))
 
     def pace(self, fps: float) -> float:
-        """Speed of the fastest joint in metres per second at 0.4 m from its axis, held between 0.5 and 2; 1 when
-        nothing is known."""
+        """Measure the speed of the fastest joint in metres per second at 0.4 m from its axis.
+
+        It is held between 0.5 and 2; 1 when nothing is known.
+        """
         if not self.increments:
             return 1.0
         return float(np.clip(np.abs(self.increments[-1][ROOT_DOFS:]).max() * 0.4 * max(fps, 1e-3), 0.5, 2.0))
@@ -101,7 +103,7 @@ class MotionHistory(NamedTuple):
 def after(
     skeleton: Skeleton, history: MotionHistory | None, timestamp: float, pose: Pose, angles: AngleChoice
 ) -> MotionHistory:
-    """The history of the frame that follows one with this pose."""
+    """Return the history of the frame that follows one with this pose."""
     increments = ()
     if history is not None:
         before = nearest_equivalent(skeleton, history.pose, pose) if angles == "away_from_limits" else history.pose

@@ -19,8 +19,10 @@ _SLACK = 1e-6
 
 
 def continuous(motion: Motion) -> Motion:
-    """The same poses by angles that do not jump: a ball joint's other set of angles, or whole turns, where those are
-    nearer to the frame before."""
+    """Write the same poses by angles that do not jump.
+
+    A ball joint's other set of angles, or whole turns, are taken where those are nearer to the frame before.
+    """
     angles = motion.angles.astype(np.float64)
     for place, twice in ball_joints(motion.character.skeleton):
         for frame in range(1, len(angles)):
@@ -33,7 +35,7 @@ def continuous(motion: Motion) -> Motion:
 
 
 def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
-    """The motion at increasing times (seconds) within its own, interpolated between frames; frames count from 0.
+    """Interpolate the motion at increasing times (seconds) within its own; frames count from 0.
 
     The pelvis and the centres of the cameras move straight, rotations about one axis, and joint angles, which must
     not jump (`continuous`), evenly. A status is the worse of the two frames' between which it lies; energies are left
@@ -96,7 +98,7 @@ _Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 def turned(motion: Motion, up: str) -> Motion:
-    """The same motion in a world whose vertical axis is `up`; x stays."""
+    """Turn the motion into a world whose vertical axis is `up`; x stays."""
     if up == motion.up:
         return motion
     turn = np.eye(4)

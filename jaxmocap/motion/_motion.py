@@ -76,7 +76,7 @@ class Motion:
         up: str = "y",
         covariance: np.ndarray | None = None,
     ) -> Self:
-        """A motion from stacked poses; `joints` are computed. Confidence defaults to 1 and status to "ok".
+        """Build a motion from stacked poses; `joints` are computed. Confidence defaults to 1 and status to "ok".
 
         `cameras` have the frame axis of the poses; `cameras_at` takes those out of a whole capture's.
         """
@@ -101,7 +101,7 @@ class Motion:
         return len(self.frames)
 
     def __getitem__(self, selection: slice | np.ndarray) -> "Motion":
-        """The motion at some of its frames: a slice, increasing positions, or a boolean mask."""
+        """Cut out some of the motion's frames: a slice, increasing positions, or a boolean mask."""
         if not isinstance(selection, slice):
             selection = np.asarray(selection)
         names = ("root", "angles", "frames", "timestamps", "joints", "confidence", "status")
@@ -129,11 +129,11 @@ class Motion:
         return Pose(root=jax.device_put(self.root), angles=jax.device_put(self.angles))
 
     def pose(self, index: int) -> Pose:
-        """The pose at position `index` of this motion."""
+        """Return the pose at position `index` of this motion."""
         return Pose(root=jax.device_put(self.root[index]), angles=jax.device_put(self.angles[index]))
 
     def vertices(self, index: int) -> Float[np.ndarray, "vertex 3"]:
-        """The skinned mesh (Eq. 1) at position `index` of this motion, metres."""
+        """Skin the mesh (Eq. 1) at position `index` of this motion, metres."""
         return np.asarray(_skin(self.character, self.pose(index)))
 
     @cached_property
@@ -201,7 +201,7 @@ def _frozen(values: Any, dtype: Any) -> np.ndarray:
 
 
 def cameras_at(cameras: Cameras, positions: Sequence[int] | np.ndarray) -> Cameras:
-    """The cameras at some positions of their frame axis. `InputError` if they do not reach that far."""
+    """Take the cameras at some positions of their frame axis. Raises `InputError` if they do not reach that far."""
     positions = np.asarray(positions)
     if len(positions) and positions.max() >= cameras.num_frames:
         raise InputError(f"Frame {positions.max()} has no camera pose: the cameras cover {cameras.num_frames} frames.")

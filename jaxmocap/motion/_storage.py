@@ -112,7 +112,7 @@ def load(folder: str | os.PathLike[str]) -> Motion:
 
 
 def _wall_clock(report: Path) -> dict[str, Any]:
-    """The seconds in a report, if it can be read: nothing else depends on them."""
+    """Read the seconds in a report, if it can be read: nothing else depends on them."""
     try:
         found = json.loads(report.read_text(encoding="utf-8"))
         found = {**found, **found.get("provenance", {})}
@@ -122,7 +122,10 @@ def _wall_clock(report: Path) -> dict[str, Any]:
 
 
 def read_npz(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """All arrays of an npz file, without pickles. `InputError` if it is missing, damaged, or not an npz."""
+    """Read all arrays of an npz file, without pickles.
+
+    Raises `InputError` if it is missing, damaged, or not an npz.
+    """
     path = Path(path)
     if not path.is_file():
         raise InputError(f"The file {path} does not exist.")

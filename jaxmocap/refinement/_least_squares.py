@@ -43,7 +43,7 @@ class Prior(NamedTuple):
 
 @jax.jit
 def free_prior(character: Character, base: Pose, weight: float | Array | np.ndarray = 1e-3) -> Prior:
-    """Joint limits and a weak pull to the base pose, no L1."""
+    """Make a prior of joint limits and a weak pull to the base pose, without L1."""
     skeleton = character.skeleton
     far, still = jnp.full(ROOT_DOFS, 10.0), jnp.zeros(skeleton.num_dofs)
     return Prior(
@@ -63,7 +63,7 @@ class Step(NamedTuple):
 
 
 def _array(value: float | Array) -> Array:
-    """A number as an array, which is not compiled in."""
+    """Make an array of a number, so that it is not compiled in."""
     return jax.device_put(np.asarray(value, np.float32))
 
 
@@ -135,7 +135,7 @@ def descend(
     refiner: AbstractRefiner,
     steps: int = 3,
 ) -> tuple[Float[Array, "dof"], Float[Array, "dof dof"]]:
-    """A few accepted Gauss-Newton steps with fixed correspondences; returns the increment and the last J^T J."""
+    """Take a few accepted Gauss-Newton steps with fixed correspondences; return the increment and the last J^T J."""
     damping = DAMPING
     step, rows = None, tuple(row._replace(scale=_array(row.scale), robust=_array(row.robust)) for row in rows)
     for _ in range(steps):

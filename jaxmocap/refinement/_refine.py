@@ -88,7 +88,7 @@ class DetectionPlan:
 def detection_rays(
     skeleton: Skeleton, problem: FrameProblem, plan: DetectionPlan, robust: float | None = None
 ) -> LandmarkRays:
-    """The rows of a frame's detections."""
+    """Build the rows of a frame's detections."""
     return keypoint_rays(
         skeleton,
         problem.intrinsics,
@@ -113,7 +113,7 @@ class Refinement:
     def __call__(
         self, frame: Frame, pose: Pose, history: MotionHistory | None
     ) -> tuple[Pose, Float[np.ndarray, "dof dof"] | None]:
-        """The refined pose, and J^T J of the last step."""
+        """Refine the pose; return it with J^T J of the last step."""
         plan, skeleton, problem = self.plan, self.character.skeleton, frame.problem
         base = history.pose if history is not None else pose
         prior = self._motion_prior(base, history)

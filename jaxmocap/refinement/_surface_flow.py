@@ -50,7 +50,7 @@ def picture_source(
     camera: int,
     pose: Pose,
 ) -> Source:
-    """One camera's picture of a frame whose pose is known."""
+    """Make one camera's picture of a frame whose pose is known a source."""
     view = cameras.at(frame)
     vertices = skin(character, pose)
     width, height = cameras.sizes[camera]
@@ -63,7 +63,7 @@ def picture_source(
 def padded(
     crop: UInt8[np.ndarray, "height width 3"], origin: Int[np.ndarray, "2"]
 ) -> UInt8[np.ndarray, "rows columns 3"]:
-    """The crop at its row and column in an image that is black elsewhere, so that pixels keep their coordinates."""
+    """Put the crop at its row and column in an image that is black elsewhere, so that pixels keep their coordinates."""
     whole = np.zeros((crop.shape[0] + int(origin[0]), crop.shape[1] + int(origin[1]), 3), np.uint8)
     whole[int(origin[0]) :, int(origin[1]) :] = crop
     return whole
@@ -75,8 +75,10 @@ def same_time_sources(
     vertices: Float[Array, "vertex 3"],
     ids: Sequence[np.ndarray] | np.ndarray | Int[Array, "camera height width"],
 ) -> list[Source]:
-    """What every view shows at the current frame, for the other views: `pictures` keep the coordinates of the whole
-    image (`padded`), `ids` are those of the rectangles."""
+    """Make a source for the other views of what every view shows at the current frame.
+
+    `pictures` keep the coordinates of the whole image (`padded`), `ids` are those of the rectangles.
+    """
     intrinsics, cam_from_world = np.asarray(problem.intrinsics), np.asarray(problem.cam_from_world)
     views = zip(pictures, intrinsics, cam_from_world, ids, np.asarray(problem.origins).tolist(), strict=True)
     return [Source(p, k, t, vertices, seen, (row, column), same_time=True) for p, k, t, seen, (row, column) in views]
@@ -120,8 +122,10 @@ def surface_flow(
     sources: list[list[Source]],
     settings: FlowSettings,
 ) -> list[SurfaceLines]:
-    """Rows for every view and source: `images` are the rectangles of the current frame, `sources[camera]` a list in
-    order of preference; a pixel uses every source that sees it."""
+    """Build rows for every view and source; a pixel uses every source that sees it.
+
+    `images` are the rectangles of the current frame, `sources[camera]` is a list in order of preference.
+    """
     host_ids = np.asarray(ids)
     greys = [_grey(image) for image in images]
     pairs = [(camera, source) for camera in range(problem.num_cameras) for source in sources[camera]]
@@ -155,7 +159,7 @@ def compare(
     source: Source,
     settings: FlowSettings,
 ) -> Comparison:
-    """The flow from what a source predicts of one view, `ids` and the grey picture `target`, to what is seen."""
+    """Compute the flow from what a source predicts of one view (`ids`, grey picture `target`) to what is seen."""
     origins = np.asarray(problem.origins).tolist()
     intrinsics, cam_from_world = np.asarray(problem.intrinsics)[camera], np.asarray(problem.cam_from_world)[camera]
     view = _view(intrinsics, cam_from_world, vertices, ids, tuple(origins[camera]))
@@ -218,7 +222,7 @@ def usable(
     target: np.ndarray,
     settings: FlowSettings,
 ) -> Bool[np.ndarray, "height width"]:
-    """Pixels whose flow may be believed."""
+    """Mark the pixels whose flow may be believed."""
     size = 2 * settings.margin + 1
     good = cv2.erode(seen.astype(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
     good &= (cosine > settings.facing) & flow_agrees(forward, backward)
@@ -230,14 +234,14 @@ def usable(
 
 
 def textured(picture: UInt8[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:
-    """How far the surroundings of a pixel tell where it is, in [0, 1): 0 where they are flat or an edge."""
+    """Measure how far the surroundings of a pixel tell where it is, in [0, 1): 0 where they are flat or an edge."""
     structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(picture, (0, 0), 1.0), 9, ksize=3)
     structure = np.maximum(structure, 0.0)  # rounding makes it negative where the picture is flat
     return structure / (structure + 2e-4)
 
 
 def pick_samples(good: Bool[np.ndarray, "height width"], samples: int) -> Int[np.ndarray, "sample"]:
-    """Evenly spread flat indices of good pixels; index 0 fills up when there are too few (rows of weight 0)."""
+    """Pick evenly spread flat indices of good pixels; index 0 fills up when there are too few (rows of weight 0)."""
     candidates = np.flatnonzero(good)
     if len(candidates) >= samples:
         return candidates[np.arange(samples) * len(candidates) // samples]

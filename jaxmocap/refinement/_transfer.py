@@ -21,7 +21,7 @@ class View(NamedTuple):
     origin: tuple[int, int]
 
     def corners(self, faces: Int[np.ndarray, "face 3"]) -> Float[np.ndarray, "face 3 3"]:
-        """The triangles in this camera's frame, in double precision: small ones far away need it."""
+        """Place the triangles in this camera's frame, in double precision: small ones far away need it."""
         turned = self.cam_from_world.astype(np.float64)
         return (self.vertices.astype(np.float64) @ turned[:3, :3].T + turned[:3, 3])[faces]
 
@@ -41,8 +41,10 @@ def homographies(
     there: Float[np.ndarray, "face 3 3"],
     source_intrinsics: Float[np.ndarray, "3 3"],
 ) -> Float[np.ndarray, "face 3 3"]:
-    """From a pixel (x, y, 1) of one view to the same point of each triangle in another, up to scale. Corners are in the
-    frames of their cameras; the triangle may have moved and bent its edges between the two."""
+    """Map a pixel (x, y, 1) of one view to the same point of each triangle in another, up to scale.
+
+    Corners are in the frames of their cameras; the triangle may have moved and bent its edges between the two.
+    """
     a, b, c = here[:, 0], here[:, 1], here[:, 2]
     shares = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], 1)  # barycentric coordinates of a ray
     projected = there @ source_intrinsics.T.astype(np.float64)

@@ -86,7 +86,7 @@ class LeastSquares(AbstractRefiner):
 
 
 def _residual_with_jacobian(problem: RefineProblem) -> Callable[[Float[Array, "dof"]], Float[Array, "row"]]:
-    """The residual, differentiated by the problem's own Jacobian where it has one."""
+    """Return the residual, differentiated by the problem's own Jacobian where it has one."""
     jacobian = problem.jacobian
     if jacobian is None:
         return problem.residual

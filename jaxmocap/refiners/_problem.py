@@ -51,16 +51,16 @@ class RefineProblem(eqx.Module):
             raise InputError(f"norm is {self.norm!r}, expected 'squared' or 'l2'.")
 
     def linearise(self, delta: Float[Array, "dof"]) -> tuple[Float[Array, "row"], Float[Array, "row dof"]]:
-        """Residual and Jacobian at `delta`."""
+        """Compute residual and Jacobian at `delta`."""
         derivative = jax.jacfwd(self.residual) if self.jacobian is None else self.jacobian
         return self.residual(delta), derivative(delta)
 
     def objective(self, delta: Float[Array, "dof"]) -> Float[Array, ""]:
-        """The value being minimised."""
+        """Compute the value being minimised."""
         return self.objective_from(self.residual(delta), delta)
 
     def objective_from(self, residual: Float[Array, "row"], delta: Float[Array, "dof"]) -> Float[Array, ""]:
-        """`objective` where the residual is known already."""
+        """Compute `objective` where the residual is known already."""
         still = jnp.sum(self.l1 * jnp.abs(delta))
         if self.norm == "squared":
             return jnp.sum(residual**2) + still + jnp.sum(self.prior_weight * (delta - self.prior) ** 2)
@@ -69,8 +69,9 @@ class RefineProblem(eqx.Module):
         return data + still + huber(self._prior_norm(delta), prior_floor) / (2 * prior_floor)
 
     def reweighted(self, delta: Float[Array, "dof"]) -> "RefineProblem":
-        """The squared problem that touches the `"l2"` one at `delta` from above: rows weigh `1 / (2 max(|e_i|,
-        floor))`.
+        """Build the squared problem that touches the `"l2"` one at `delta` from above.
+
+        Its rows weigh `1 / (2 max(|e_i|, floor))`.
 
         The 2 makes the derivative of `w |e|^2` that of `|e|`; without it data and prior would count double against the
         L1.
@@ -91,14 +92,14 @@ class RefineProblem(eqx.Module):
         )
 
     def smooth_slope(self, delta: Float[Array, "dof"]) -> Float[Array, "dof"]:
-        """Derivative of the objective without its L1 term."""
+        """Differentiate the objective without its L1 term."""
         squared = self if self.norm == "squared" else self.reweighted(delta)
         residual, jacobian = squared.linearise(delta)
         slope = 2 * jnp.matmul(residual, jacobian, precision="highest")
         return slope + 2 * squared.prior_weight * (delta - self.prior)
 
     def stationarity(self, delta: Float[Array, "dof"]) -> Float[Array, ""]:
-        """Largest violation of the Karush-Kuhn-Tucker conditions: no feasible direction may go down.
+        """Measure the largest violation of the Karush-Kuhn-Tucker conditions: no feasible direction may go down.
 
         With s the derivative of the smooth part, both one-sided derivatives s_j + l1_j (up) and -s_j + l1_j (down) must
         be non-negative, except those that leave the box.

@@ -23,7 +23,9 @@ def shooting(
     tolerance: ArrayLike = 1e-8,
     leaps: bool = True,
 ) -> Float[Array, "dof"]:
-    """Fu, Journal of Computational and Graphical Statistics 7, 1998, with limits (Eq. 10's solver).
+    """Solve a quadratic with an L1 term and limits by shooting, the solver of Eq. 10.
+
+    From Fu, Journal of Computational and Graphical Statistics 7, 1998.
 
     Minimises `delta^T H delta - 2 g^T delta + sum_j l1_j |delta_j|` in [lower, upper] by exact cyclic coordinate steps
 

@@ -44,7 +44,7 @@ def template() -> Character:
 
 @lru_cache(maxsize=1)
 def probes() -> np.ndarray:
-    """Number the vertices of `template` that correspondences are made for."""
+    """Choose the vertices of `template` that correspondences are made for, as indices."""
     return np.arange(0, len(template().vertices), _EVERY)
 
 

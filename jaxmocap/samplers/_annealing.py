@@ -14,7 +14,7 @@ Schedule = Literal["ess", "poly_std", "poly_raw"]
 
 
 def energy_gaps(energies: Float[Array, "particle"]) -> Float[Array, "particle"]:
-    """Energies above the lowest one; +inf where not finite; all zero if no energy is finite."""
+    """Subtract the lowest energy; +inf where not finite; all zero if no energy is finite."""
     finite = jnp.isfinite(energies)
     lowest = jnp.min(jnp.where(finite, energies, jnp.inf))
     known = jnp.where(finite, energies, 0.0)
@@ -23,7 +23,7 @@ def energy_gaps(energies: Float[Array, "particle"]) -> Float[Array, "particle"]:
 
 
 def boltzmann_weights(gaps: Float[Array, "particle"], beta: Float[Array, ""]) -> Float[Array, "particle"]:
-    """`exp(-beta (V - V_min))`; the best particle has weight 1, an infinite energy has weight 0."""
+    """Compute `exp(-beta (V - V_min))`; the best particle has weight 1, an infinite energy has weight 0."""
     return jnp.where(jnp.isfinite(gaps), jnp.exp(-beta * jnp.where(jnp.isfinite(gaps), gaps, 0.0)), 0.0)
 
 
@@ -33,7 +33,7 @@ def beta_for_effective_sample_size(
     beta_min: Knob,
     beta_max: Knob,
 ) -> Float[Array, ""]:
-    """The beta with effective sample size `share * N`, by bisection (survival rate, Deutscher and Reid, IJCV 2005).
+    """Find by bisection the beta of effective sample size `share * N` (survival rate, Deutscher and Reid, IJCV 2005).
 
     The effective sample size falls as beta grows, so 40 halvings of [beta_min, beta_max] suffice. Where even
     `beta_max` selects too little (energies all equal), `beta_max` is returned.
@@ -52,7 +52,7 @@ def beta_for_effective_sample_size(
 
 
 def energy_scale(gaps: Float[Array, "particle"]) -> Float[Array, ""]:
-    """Standard deviation of the finite energies; 1 where they are all equal."""
+    """Compute the standard deviation of the finite energies; 1 where they are all equal."""
     finite = jnp.isfinite(gaps)
     count = jnp.maximum(jnp.sum(finite), 1)
     known = jnp.where(finite, gaps, 0.0)
@@ -64,7 +64,7 @@ def energy_scale(gaps: Float[Array, "particle"]) -> Float[Array, ""]:
 def _inverse_distribution(
     weights: Float[Array, "particle"], positions: Float[Array, "particle"]
 ) -> Int[Array, "particle"]:
-    """Indices where the cumulative weights pass `positions` in [0, 1); a particle of weight zero is never chosen."""
+    """Find where the cumulative weights pass `positions` in [0, 1); a particle of weight zero is never chosen."""
     cumulative = jnp.cumsum(weights)
     last_possible = weights.shape[0] - 1 - jnp.argmax(weights[::-1] > 0)
     indices = jnp.searchsorted(cumulative, positions * cumulative[-1], side="right")
@@ -74,7 +74,7 @@ def _inverse_distribution(
 def multinomial(
     key: PRNGKeyArray, weights: Float[Array, "particle"], redrawn: Bool[Array, "particle"]
 ) -> Int[Array, "particle"]:
-    """Independent draws in proportion to the weights; particles that are not `redrawn` keep their index."""
+    """Draw independently in proportion to the weights; particles that are not `redrawn` keep their index."""
     positions = jax.random.uniform(key, weights.shape, weights.dtype)
     return jnp.where(redrawn, _inverse_distribution(weights, positions), jnp.arange(weights.shape[0]))
 
@@ -82,7 +82,10 @@ def multinomial(
 def systematic(
     key: PRNGKeyArray, weights: Float[Array, "particle"], redrawn: Bool[Array, "particle"]
 ) -> Int[Array, "particle"]:
-    """One random offset and equal steps over the redrawn particles: less noise than `multinomial`, same expectation."""
+    """Draw by one random offset and equal steps over the redrawn particles.
+
+    There is less noise than in `multinomial`, and the same expectation.
+    """
     rank = jnp.cumsum(redrawn) - 1
     offset = jax.random.uniform(key, (), weights.dtype)
     positions = jnp.where(redrawn, (rank + offset) / jnp.maximum(jnp.sum(redrawn), 1), 0.0)

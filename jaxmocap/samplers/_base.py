@@ -15,7 +15,7 @@ Answer = Literal["mean", "best_if_better"]
 
 
 def particles_for(num_dofs: int) -> int:
-    """Sec. 4.1 of the paper: `2^n + 40` particles for a group of n degrees of freedom (104 for 6, 168 for 7)."""
+    """Return `2^n + 40` particles for a group of n degrees of freedom (Sec. 4.1; 104 for 6, 168 for 7)."""
     return 2**num_dofs + 40
 
 
@@ -40,7 +40,7 @@ def reflect(
 
 
 def effective_sample_size(weights: Float[Array, "particle"]) -> Float[Array, ""]:
-    """`(sum w)^2 / sum w^2`: how many equally weighted particles the set is worth."""
+    """Compute `(sum w)^2 / sum w^2`: how many equally weighted particles the set is worth."""
     return jnp.sum(weights) ** 2 / jnp.sum(weights**2)
 
 
@@ -59,7 +59,7 @@ class Proposal(eqx.Module):
         return reflect(moved, self.lower, self.upper)
 
     def around(self, centres: Float[Array, "particle dof"], factor: Float[Array, "dof dof"]) -> "Proposal":
-        """The same limits, new centres; every particle is moved."""
+        """Keep the limits, take new centres; every particle is moved."""
         return Proposal(centres, factor, jnp.ones_like(self.jitter), self.lower, self.upper)
 
 
@@ -91,7 +91,7 @@ class AbstractSampler(eqx.Module):
     answer: eqx.AbstractVar[Answer]
 
     def sized(self, num_particles: int, num_iterations: int, sigma_min: Float[Array, "dof"]) -> Self:
-        """This sampler with another budget and, where it has one, another floor of the deviation."""
+        """Give this sampler another budget and, where it has one, another floor of the deviation."""
         sizes = {"num_particles": num_particles, "num_iterations": num_iterations, "sigma_min": sigma_min}
         own = {field.name for field in fields(self)}
         return replace(self, **{name: value for name, value in sizes.items() if name in own})
@@ -106,11 +106,14 @@ class AbstractSampler(eqx.Module):
         upper: Float[Array, "dof"],
         population: Float[Array, "extra dof"] | None = None,
     ) -> AbstractState:
-        """First state. Particle 0 is `start`, the following ones are `population` (a warm start), the rest are drawn
-        around `start` with standard deviation `spread`. A dimension of zero spread stays where it is."""
+        """Make the first state.
+
+        Particle 0 is `start`, the following ones are `population` (a warm start), the rest are drawn around `start`
+        with standard deviation `spread`. A dimension of zero spread stays where it is.
+        """
 
     def ask(self, state: AbstractState, key: PRNGKeyArray) -> Float[Array, "particle dof"]:
-        """The particles to evaluate next, inside the limits."""
+        """Return the particles to evaluate next, inside the limits."""
         return state.proposal.draw(key)
 
     @abc.abstractmethod
@@ -125,7 +128,7 @@ class AbstractSampler(eqx.Module):
 
     @abc.abstractmethod
     def result(self, state: AbstractState) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
-        """The estimate after the last `tell`, and the standard deviation of the particles that formed it."""
+        """Return the estimate after the last `tell`, and the standard deviation of the particles that formed it."""
 
 
 def first_proposal(
@@ -136,7 +139,7 @@ def first_proposal(
     upper: Float[Array, "dof"],
     population: Float[Array, "extra dof"] | None,
 ) -> Proposal:
-    """The set of `AbstractSampler.init`: the start and the warm-start population as they are, the rest jittered."""
+    """Make the set of `AbstractSampler.init`: start and warm-start population as they are, the rest jittered."""
     start = jnp.clip(start, lower, upper)
     kept = start[None] if population is None else jnp.concatenate([start[None], population.astype(start.dtype)])
     if kept.shape[0] > num_particles:
@@ -150,7 +153,7 @@ def first_proposal(
 
 
 def finite_or_inf(energies: Float[Array, "particle"]) -> Float[Array, "particle"]:
-    """Energies, with everything that is not a finite number counted as +inf."""
+    """Count everything that is not a finite number among the energies as +inf."""
     return jnp.where(jnp.isfinite(energies), energies, jnp.inf)
 
 
@@ -160,7 +163,7 @@ def step_info(
     weights: Float[Array, "particle"],
     beta: float | Float[Array, ""],
 ) -> StepInfo:
-    """The record of one evaluated set."""
+    """Record one evaluated set."""
     return StepInfo(
         best_energy=jnp.min(energies).astype(particles.dtype),
         effective_sample_size=effective_sample_size(weights),
@@ -172,7 +175,7 @@ def step_info(
 def weighted_mean_and_deviation(
     particles: Float[Array, "particle dof"], weights: Float[Array, "particle"]
 ) -> tuple[Float[Array, "dof"], Float[Array, "dof"]]:
-    """Weighted average and standard deviation over the particles."""
+    """Average the particles by weight; return that with their standard deviation."""
     share = weights / jnp.sum(weights)
     mean = jnp.einsum("p,pd->d", share, particles, precision="highest")
     variance = jnp.einsum("p,pd->d", share, (particles - mean) ** 2, precision="highest")

@@ -155,7 +155,7 @@ class InteractingSimulatedAnnealing(AbstractSampler):
         weights: Float[Array, "particle"],
         flat: Array,
     ) -> Float[Array, "particle dof"]:
-        """Selection kernel: keep with probability `epsilon * weight`, redraw the others. The largest weight is 1."""
+        """Select: keep with probability `epsilon * weight`, redraw the others. The largest weight is 1."""
         keep_key, draw_key = jax.random.split(key)
         if self.epsilon == "inverse_max":
             kept = (jax.random.uniform(keep_key, weights.shape, weights.dtype) <= weights) & (weights > 0)

@@ -113,12 +113,12 @@ class _Scouts(eqx.Module):
         return self.candidates.shape[0]
 
     def told(self, number: Int[Array, ""], energies: Float[Array, "particle"]) -> "_Scouts":
-        """With the energies of a set; a set that is none of its own changes nothing."""
+        """Store the energies of a set; a set that is none of its own changes nothing."""
         energies = finite_or_inf(energies).astype(self.energies.dtype)
         return eqx.tree_at(lambda own: own.energies, self, self.energies.at[number].set(energies, mode="drop"))
 
     def best(self, population: Float[Array, "extra dof"] | None) -> Float[Array, "extra_and_kept dof"]:
-        """The population and the candidates of lowest energy."""
+        """Join the population and the candidates of lowest energy."""
         every = self.candidates.reshape(-1, self.candidates.shape[-1])
         kept = every[jax.lax.top_k(-self.energies.reshape(-1)[: self.count], self.keep)[1]]
         return kept if population is None else jnp.concatenate([population, kept])
@@ -153,7 +153,10 @@ def run(
     sets = sum(count for _, count, _ in plan) + before
 
     def key_of(number: int | Int[Array, ""]) -> PRNGKeyArray:
-        """0 begins; 2n + 1 and 2n + 2 are asked with and told with in step n; 2 `sets` + 1 begins with no pool yet."""
+        """Derive a key by number.
+
+        0 begins; 2n + 1 and 2n + 2 are asked with and told with in step n; 2 `sets` + 1 begins with no pool yet.
+        """
         return jax.random.fold_in(key, number)
 
     def begin(extra: Float[Array, "extra dof"] | None, number: int) -> _Progress:

@@ -76,7 +76,7 @@ _SWAY: dict[str, list[tuple[float, float, float]]] = {
 
 
 def dance(skeleton: Skeleton, times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Pose:
-    """Dance: `perform` the routine "dance"."""
+    """Perform the routine "dance"."""
     return perform("dance", skeleton, times, scale)
 
 

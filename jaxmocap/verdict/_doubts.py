@@ -51,10 +51,12 @@ def doubts(
     registered: Collection[int] = (),
     deviations: Float[np.ndarray, "frame"] | None = None,
 ) -> list[Doubt]:
-    """The spans of frames that are not to be trusted, in order; one frame may be in several. Frames that were passed
-    over show nothing themselves and are left out. Where half of the `registered` frames among them are doubtful, all
-    are. Cameras that the others contradict have no say. `deviations` are the standard deviations of a joint, mean over
-    the body, in metres, where they are known."""
+    """List the spans of frames that are not to be trusted, in order; one frame may be in several.
+
+    Frames that were passed over show nothing themselves and are left out. Where half of the `registered` frames among
+    them are doubtful, all are. Cameras that the others contradict have no say. `deviations` are the standard deviations
+    of a joint, mean over the body, in metres, where they are known.
+    """
     looked_at = np.array([bool(result.energy) for result in results])
     inlier = ~contradicted(results, settings)
     marked = {

@@ -129,7 +129,7 @@ class FrameResult:
 
 
 def passed_over(skeleton: Skeleton, shown: FrameImages, pose: Pose, limbs: int) -> FrameResult:
-    """A frame that was not looked at: it has a pose, nothing that speaks for it, and is doubtful."""
+    """Record a frame that was not looked at: it has a pose, nothing that speaks for it, and is doubtful."""
     unknown, confidence = np.full(limbs, np.nan), np.zeros(len(skeleton.landmark_names))
     nothing = np.zeros(skeleton.num_dofs)
     return FrameResult(
@@ -138,8 +138,7 @@ def passed_over(skeleton: Skeleton, shown: FrameImages, pose: Pose, limbs: int) 
 
 
 def poses_between(skeleton: Skeleton, results: Sequence[FrameResult], later: Pose) -> list[FrameResult]:
-    """Frames passed over in a row, which have the pose of the frame before, evenly on the way from there to a later
-    pose."""
+    """Space frames passed over in a row evenly on the way from the pose of the frame before to a later pose."""
     earlier, steps = results[0].pose, len(results) + 1
     way = difference(skeleton, earlier, nearest_equivalent(skeleton, later, earlier))
     poses = [retract(skeleton, earlier, way * (number / steps)) for number in range(1, steps)]

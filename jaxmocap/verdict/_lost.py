@@ -33,7 +33,7 @@ class LostSpan:
 
 
 def runs(marked: Bool[np.ndarray, "frame"]) -> list[tuple[int, int]]:
-    """Where marked frames begin, and where they have ended."""
+    """Find where marked frames begin, and where they have ended."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], marked.astype(int), [0]]))).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
 
@@ -41,8 +41,11 @@ def runs(marked: Bool[np.ndarray, "frame"]) -> list[tuple[int, int]]:
 def lost_spans(
     results: Sequence[FrameResult], character: Character, fps: float, settings: VerdictSettings
 ) -> list[LostSpan]:
-    """Spans in which the whole body is lost, and in which a limb is: no view shows its outer half, its pixels look like
-    the background, or it is far from halfway between the frames before and after."""
+    """List the spans in which the whole body is lost, and in which a limb is.
+
+    No view shows the limb's outer half, its pixels look like the background, or it is far from halfway between the
+    frames before and after.
+    """
     body = np.array([result.status == "lost" for result in results])
     spans = _spans(results, body, "body", LOST)
     for limb, (group, name) in enumerate(character.skeleton.limb_labels.items()):
@@ -73,8 +76,10 @@ def _spans(results: Sequence[FrameResult], marked: Bool[np.ndarray, "frame"], pa
 def limb_deviation(
     skeleton: Skeleton, earlier: Pose, pose: Pose, later: Pose, dofs: tuple[int, ...]
 ) -> tuple[float, Pose]:
-    """How far a limb's landmarks are, at most, from halfway between two other poses, metres; and the pose with the limb
-    halfway."""
+    """Measure how far a limb's landmarks are, at most, from halfway between two other poses, metres.
+
+    Returns with it the pose with the limb halfway.
+    """
     before, after = nearest_equivalent(skeleton, earlier, pose), nearest_equivalent(skeleton, later, pose)
     middle = with_limb(with_limb(pose, before, dofs), with_limb(pose, after, dofs), dofs, 0.5)
     moved = landmark_positions(skeleton, pose) - landmark_positions(skeleton, middle)

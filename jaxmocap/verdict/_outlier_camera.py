@@ -30,7 +30,7 @@ class OutlierCamera:
 def outlier_cameras(
     results: Sequence[FrameResult], settings: VerdictSettings, names: Sequence[str]
 ) -> list[OutlierCamera]:
-    """The spans of frames in which a camera is contradicted, in order."""
+    """List the spans of frames in which a camera is contradicted, in order."""
     found = [
         OutlierCamera(name, results[first].frame, results[stop - 1].frame)
         for name, marked in zip(names, contradicted(results, settings).T, strict=False)
@@ -40,10 +40,12 @@ def outlier_cameras(
 
 
 def contradicted(results: Sequence[FrameResult], settings: VerdictSettings) -> Bool[np.ndarray, "frame camera"]:
-    """Cameras that agree with no other although some agree with one another, in the median of `settings.steady` frames.
-    Two agree where what they show of the body's surface is the same in at least `settings.matched` of it and at most
-    `settings.view_gap` metres apart; of two cameras none can be told to be the wrong one, nor one that shares nothing
-    with any other."""
+    """Mark cameras that agree with no other although some agree with one another.
+
+    The median of `settings.steady` frames counts. Two agree where what they show of the body's surface is the same in
+    at least `settings.matched` of it and at most `settings.view_gap` metres apart; of two cameras none can be told to
+    be the wrong one, nor one that shares nothing with any other.
+    """
     cameras = max((len(result.signals.costs) for result in results if result.signals is not None), default=0)
     outlier = np.zeros((len(results), cameras))
     for index, result in enumerate(results):
@@ -57,7 +59,7 @@ def contradicted(results: Sequence[FrameResult], settings: VerdictSettings) -> B
 def agreement(
     signals: FrameSignals, settings: VerdictSettings
 ) -> tuple[Bool[np.ndarray, "camera camera"], Bool[np.ndarray, "camera camera"]]:
-    """Which cameras share enough to be compared, and which of those agree; in both directions alike."""
+    """Find which cameras share enough to be compared, and which of those agree; in both directions alike."""
     cameras = len(signals.costs)
     gaps, matched = np.full((2, cameras, cameras), np.nan)
     ahead = ~np.eye(cameras, dtype=bool)  # row by row, as `FrameSignals` lists the pairs
@@ -68,7 +70,7 @@ def agreement(
 
 
 def steadied(values: Float[np.ndarray, "frame"], window: int) -> Float[np.ndarray, "frame"]:
-    """The median of the frames around each: what one frame of many shows is chance."""
+    """Take the median of the frames around each: what one frame of many shows is chance."""
     reach = window // 2
     padded = np.pad(values, reach, mode="edge")
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)

@@ -78,7 +78,7 @@ def _trust(
 def without_lost(
     confidence: Float[np.ndarray, "landmark"], frame: int, spans: Sequence[LostSpan], skeleton: Skeleton
 ) -> Float[np.ndarray, "landmark"]:
-    """The confidence of a frame's landmarks, 0 for those of parts that are lost there."""
+    """Set the confidence of a frame's landmarks to 0 for parts that are lost there."""
     groups = {label: name for name, label in skeleton.limb_labels.items()}
     for span in spans:
         if span.first <= frame <= span.last:

@@ -44,7 +44,7 @@ class FrameSignals:
     speed: float
 
     def as_json(self) -> dict[str, list[float | None] | float]:
-        """Numbers that JSON knows."""
+        """Return numbers that JSON knows."""
         record = {field.name: getattr(self, field.name) for field in fields(self)}
         return {
             name: round(float(value), 5)
@@ -57,7 +57,7 @@ class FrameSignals:
 def frame_signals(
     evidence: Evidence, frame: Frame, drawn: DrawnPose, settings: FlowSettings, speed: float = 0.0
 ) -> FrameSignals:
-    """The signals of a pose that was drawn in a frame."""
+    """Gather the signals of a pose that was drawn in a frame."""
     covered, background = drawn.ids >= 0, np.asarray(frame.problem.background)
     foreign, alike = background > 0.5, background < 0.5  # 0.5 where nothing is known
     gaps, matched, limbs = _between_views(evidence, frame, drawn, settings)
@@ -78,7 +78,7 @@ def _shares(
     covered: Bool[np.ndarray, "camera height width"],
     whole: Bool[np.ndarray, "camera height width"],
 ) -> Float[np.ndarray, "camera"]:
-    """The marked pixels of each view as a share of `whole`, 0 where that is little; thin seams do not count."""
+    """Divide the marked pixels of each view by `whole`, 0 where that is little; thin seams do not count."""
     views = zip(marked, covered, whole, strict=True)
     return np.array(
         [without_seams(here, body).sum() / of.sum() if of.sum() >= _LEAST_PIXELS else 0.0 for here, body, of in views],
@@ -130,7 +130,7 @@ def _between_views(
 def view_angles(
     cam_from_world: Float[np.ndarray, "camera 4 4"], point: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "camera camera"]:
-    """Degrees between the directions in which two cameras stand, seen from a point."""
+    """Measure the degrees between the directions in which two cameras stand, seen from a point."""
     centres = -np.einsum("cji,cj->ci", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
     towards = (centres - point) / np.linalg.norm(centres - point, axis=1, keepdims=True)
     return np.degrees(np.arccos(np.clip(towards @ towards.T, -1.0, 1.0)))

@@ -46,7 +46,7 @@ def joint_covariances(
     settings: UncertaintySettings | None = None,
     confidence: Float[np.ndarray, "frame landmark"] | None = None,
 ) -> Float[np.ndarray, "frame landmark 3 3"]:
-    """Covariance of every landmark in every frame, square metres, world axes: first order around the pose.
+    """Compute every landmark's covariance in every frame, square metres, world axes: first order around the pose.
 
     `confidence` is what is left of it once the sequence is judged, by default what each frame alone tells.
 
@@ -68,8 +68,10 @@ def joint_covariances(
 
 
 def mean_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float[np.ndarray, "frame"] | None:
-    """Standard deviation of a joint's place, mean over the landmarks, metres, whatever the confidence; None where
-    nothing was refined, which would have told it."""
+    """Average the standard deviation of a joint's place over the landmarks, metres, whatever the confidence.
+
+    None where nothing was refined, which would have told it.
+    """
     if all(result.hessian is None for result in results):
         return None
     settings = UncertaintySettings(doubt=0.0)

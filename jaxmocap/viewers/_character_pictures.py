@@ -89,7 +89,7 @@ def _angles(character: Character, degrees: dict[str, float]) -> np.ndarray:
 
 
 def _camera(vertices: np.ndarray, turn: float) -> tuple[np.ndarray, np.ndarray]:
-    """A camera far away that sees all vertices from the front, turned to the subject's left by degrees."""
+    """Place a camera far away that sees all vertices from the front, turned to the subject's left by degrees."""
     angle = np.radians(turn)
     forward = -np.array([np.sin(angle), 0.0, np.cos(angle)])
     rotation = np.stack([np.cross([0.0, -1.0, 0.0], forward), [0.0, -1.0, 0.0], forward])

@@ -70,7 +70,7 @@ def page_html(motion: Motion, report: dict, pictures: ReportPictures, missing: s
 
 
 def _pictures(folder: Path, motion: Motion, capture: Capture | None) -> tuple[ReportPictures, str]:
-    """The pictures, and why there are none."""
+    """Draw the pictures, or say why there are none."""
     none = ReportPictures((), (), ())
     if motion.cameras is None:
         return none, "this motion has no cameras"

@@ -123,7 +123,7 @@ def _limb_spans(motion: Motion) -> list[dict[str, Any]]:
 
 
 def _least_sure(motion: Motion, looked_at: np.ndarray) -> list[int]:
-    """A few positions of least mean confidence, apart from each other so that they are different moments."""
+    """Pick a few positions of least mean confidence, apart from each other so that they are different moments."""
     sure = np.where(looked_at, motion.confidence.mean(axis=1), np.inf)
     picked: list[int] = []
     while len(picked) < _LOOK_FIRST and np.isfinite(sure).any():
@@ -168,7 +168,7 @@ def _doubtful_masks(motion: Motion) -> list[dict[str, Any]]:
 
 
 def _uncertainty(motion: Motion) -> dict[str, Any] | None:
-    """Standard deviations in centimetres: mean over the joints, and each wrist and ankle, which err most."""
+    """List standard deviations in centimetres: mean over the joints, and each wrist and ankle, which err most."""
     deviations = motion.joint_deviations
     if deviations is None:
         return None
@@ -252,7 +252,7 @@ def _frames(frames: Sequence[int]) -> str:
 
 
 def _starts(frames: Sequence[int]) -> list[int]:
-    """The first frame of each run, a handful of them."""
+    """List the first frame of each run, a handful of them."""
     known = set(frames)
     return [frame for frame in sorted(known) if frame - 1 not in known][:_MOST_RUNS]
 

@@ -61,7 +61,7 @@ class CameraViews:
             client.camera.position, client.camera.look_at = place, target
 
     def _place_screen(self, index: int, position: int, screen: Any, image: np.ndarray) -> None:
-        """The picture just as large as the camera sees it there."""
+        """Show the picture just as large as the camera sees it there."""
         k = np.asarray(self._shown.motion.cameras.intrinsics[index], float)
         width, height = self._shown.motion.cameras.sizes[index]
         wxyz, place, world_from_cam = self._pose_of(index, position)
@@ -72,12 +72,12 @@ class CameraViews:
         screen.wxyz, screen.position = wxyz, place + world_from_cam @ centre
 
     def _pose_of(self, index: int, position: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A camera's rotation as a quaternion, its place, and the rotation `world_from_cam`."""
+        """Return a camera's rotation as a quaternion, its place, and the rotation `world_from_cam`."""
         cam_from_world = np.asarray(self._shown.motion.cameras.cam_from_world[index, position], np.float64)
         rotation = cam_from_world[:3, :3].T
         return Rotation.from_matrix(rotation).as_quat(scalar_first=True), -rotation @ cam_from_world[:3, 3], rotation
 
     def _fov(self, index: int) -> float:
-        """The vertical field of view, radians."""
+        """Compute the vertical field of view, radians."""
         cameras = self._shown.motion.cameras
         return float(2 * np.arctan(cameras.sizes[index][1] / (2 * float(cameras.intrinsics[index, 1, 1]))))
