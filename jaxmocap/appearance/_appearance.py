@@ -30,16 +30,16 @@ class AppearanceSettings(eqx.Module):
     """All settings of the appearance stage. `AppearanceSettings()` is the paper.
 
     Attributes:
-        colour: how pixels become Gaussians and Gaussians a distance
-        grid: the background grid
-        warp: how it is warped from a selected frame to another
-        foreground: which pixels teach a triangle its colours
-        plate: the clean plate
+        colour: how pixels become Gaussians and Gaussians a distance.
+        grid: the background grid.
+        warp: how it is warped from a selected frame to another.
+        foreground: which pixels teach a triangle its colours.
+        plate: the clean plate.
         behind: what psi_b compares a pixel with: "grid", the colour models of the warped grid (the paper); "plate", the
             picture of the background that the selected frames and the frames tracked so far have shown, and the grid
             where none has; "none" takes every pixel for foreign (psi_b = tau), which leaves the background out of Eq. 6
-            as in Fig. 11: contours then look for Canny edges, and `uncovered_scale` must not exceed 1
-        palette_size: colours of the psi tables
+            as in Fig. 11: contours then look for Canny edges, and `uncovered_scale` must not exceed 1.
+        palette_size: colours of the psi tables.
     """
 
     colour: ColourSettings = eqx.field(default_factory=ColourSettings)

@@ -15,12 +15,12 @@ class GridSettings(eqx.Module):
     """Shape of the background grid and how it answers where it does not reach. All static.
 
     Attributes:
-        rows: of cells, each cut into two triangles; 16 in the paper
-        columns: of cells; 16 in the paper
-        mask_dilation: pixels by which the person mask grows before the background is learnt
-        min_pixels: background pixels a triangle needs; one with fewer copies the nearest triangle that has a model
-        fill: "nearest": a pixel outside all triangles takes the nearest one (paper); "none": it has no model
-        blend: "nearest": the selected frame closest in time (paper); "min": the smaller psi of the two around
+        rows: of cells, each cut into two triangles; 16 in the paper.
+        columns: of cells; 16 in the paper.
+        mask_dilation: pixels by which the person mask grows before the background is learnt.
+        min_pixels: background pixels a triangle needs; one with fewer copies the nearest triangle that has a model.
+        fill: "nearest": a pixel outside all triangles takes the nearest one (paper); "none": it has no model.
+        blend: "nearest": the selected frame closest in time (paper); "min": the smaller psi of the two around.
     """
 
     rows: int = eqx.field(static=True, default=16)

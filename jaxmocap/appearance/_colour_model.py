@@ -22,16 +22,16 @@ class ColourSettings(eqx.Module):
     (as printed). Use the same settings for foreground and background, or the ratio of Eq. 6 is biased.
 
     Attributes:
-        s0: standard deviation of the covariance floor, colours in [0, 1]
-        kappa: divisor of the squared distance
-        tau: barrier, and the distance of an element without a model
-        covariance: "full", "diag" (no correlation between channels) or "iso" (their mean variance)
-        metric: "mahalanobis", or "euclidean": min over the cluster means of |c - mu|, no covariance, no kappa
-        weights: "off" as printed, or "neglog": add -2 log of the cluster's share of pixels to the squared distance
-        clusters: K of the paper
-        restarts: of k-means
-        iterations: of k-means
-        min_cluster: pixels a cluster needs; an element of n pixels gets min(K, max(1, n // min_cluster)) clusters
+        s0: standard deviation of the covariance floor, colours in [0, 1].
+        kappa: divisor of the squared distance.
+        tau: barrier, and the distance of an element without a model.
+        covariance: "full", "diag" (no correlation between channels) or "iso" (their mean variance).
+        metric: "mahalanobis", or "euclidean": min over the cluster means of |c - mu|, no covariance, no kappa.
+        weights: "off" as printed, or "neglog": add -2 log of the cluster's share of pixels to the squared distance.
+        clusters: K of the paper.
+        restarts: of k-means.
+        iterations: of k-means.
+        min_cluster: pixels a cluster needs; an element of n pixels gets min(K, max(1, n // min_cluster)) clusters.
     """
 
     s0: Knob = knob(0.05)

@@ -23,14 +23,14 @@ class ForegroundSettings(eqx.Module):
     Attributes:
         unseen: "none": a triangle that no selected frame shows has no model and psi_f = tau (the paper); "nearest": it
             takes the model of the nearest triangle over the surface that has one, so that a limb which turns its unseen
-            side keeps being worth covering
+            side keeps being worth covering.
         per_camera: "camera_then_pooled": a camera's own model where it has enough pixels, else that of all cameras;
-            "camera": nothing else; "pooled": one model for all cameras
-        pool_ring: 1 lets a triangle with few pixels borrow those of the triangles it shares an edge with; 0 does not
-        pool_below: pixels that are few
-        min_pixels: pixels a model needs, borrowed ones included; a triangle that was never seen gets none
-        min_facing: smallest cosine between normal and view direction
-        erosion: pixels cut off the silhouette
+            "camera": nothing else; "pooled": one model for all cameras.
+        pool_ring: 1 lets a triangle with few pixels borrow those of the triangles it shares an edge with; 0 does not.
+        pool_below: pixels that are few.
+        min_pixels: pixels a model needs, borrowed ones included; a triangle that was never seen gets none.
+        min_facing: smallest cosine between normal and view direction.
+        erosion: pixels cut off the silhouette.
     """
 
     unseen: Literal["none", "nearest"] = eqx.field(static=True, default="none")

@@ -24,13 +24,13 @@ class PlateSettings(eqx.Module):
     """How a pixel is compared with the picture that is expected behind the person. Not in the paper.
 
     Attributes:
-        s0: colour distance that reaches the barrier tau, colours in [0, 1]: psi = (distance / s0)^2
-        unknown: psi_b of a pixel behind which nothing has been seen yet, so that the person has been there all along
+        s0: colour distance that reaches the barrier tau, colours in [0, 1]: psi = (distance / s0)^2.
+        unknown: psi_b of a pixel behind which nothing has been seen yet, so that the person has been there all along.
         shadow_low: when the plate is renewed, a pixel that is the old plate times a factor from this,
-        shadow_high: to this, or over it, is background that a shadow reached or left; both 1: no shadows
-        blur: standard deviation in pixels of the smoothing of both pictures against sensor noise; static
-        reach: the best match within this many pixels counts, since a warp is only so exact; static
-        growth: pixels by which the person's silhouette grows before the rest is taken for background; static
+        shadow_high: to this, or over it, is background that a shadow reached or left; both 1: no shadows.
+        blur: standard deviation in pixels of the smoothing of both pictures against sensor noise; static.
+        reach: the best match within this many pixels counts, since a warp is only so exact; static.
+        growth: pixels by which the person's silhouette grows before the rest is taken for background; static.
     """
 
     s0: Knob = knob(0.10)

@@ -23,13 +23,13 @@ class WarpSettings(eqx.Module):
     Attributes:
         alphas: candidate weights of the similarity term, at five features per cell; one value fixes it. The choice is
             that of [51]: least mean feature residual in pixels plus 0.01 of the roughness between cells; it mostly
-            falls on the smallest
-        choose_every: frames between two choices among `alphas` along one camera
-        scale: Geman-McClure scale of the data term, pixels
-        rounds: of reweighting
+            falls on the smallest.
+        choose_every: frames between two choices among `alphas` along one camera.
+        scale: Geman-McClure scale of the data term, pixels.
+        rounds: of reweighting.
         prewarp: "homography": similarity is asked of the deviation from a robust global homography, so that zoom,
-            rotation and perspective cost nothing; "none": of the grid itself, as printed in [51]
-        temporal: weight that keeps vertices away from all features where the previous frame had them
+            rotation and perspective cost nothing; "none": of the grid itself, as printed in [51].
+        temporal: weight that keeps vertices away from all features where the previous frame had them.
     """
 
     alphas: tuple[float, ...] = eqx.field(static=True, default=(0.1, 0.3, 1.0, 3.0))

@@ -14,8 +14,9 @@ _SMALLEST_DEPTH = 1e-6
 class View(eqx.Module):
     """All cameras at one instant: what `project` and the rasteriser take.
 
-    intrinsics: K, pixels; the centre of the first pixel is (0.5, 0.5).
-    cam_from_world: poses, metres.
+    Attributes:
+        intrinsics: K, pixels; the centre of the first pixel is (0.5, 0.5).
+        cam_from_world: poses, metres.
     """
 
     intrinsics: Float[Array, "camera 3 3"]
@@ -25,12 +26,13 @@ class View(eqx.Module):
 class Cameras(eqx.Module):
     """Calibrated cameras over the frames of a capture, moving or static.
 
-    names: one per camera.
-    sizes: (width, height) of the pictures, pixels.
-    intrinsics: K, pixels; the centre of the first pixel is (0.5, 0.5).
-    distortion: k1 k2 p1 p2 k3 in OpenCV's order, of the videos as recorded; images are undistorted when they are
-        decoded, so that projection never needs it.
-    cam_from_world: poses, metres; x right, y down, z forward.
+    Attributes:
+        names: one per camera.
+        sizes: (width, height) of the pictures, pixels.
+        intrinsics: K, pixels; the centre of the first pixel is (0.5, 0.5).
+        distortion: k1 k2 p1 p2 k3 in OpenCV's order, of the videos as recorded; images are undistorted when they are
+            decoded, so that projection never needs it.
+        cam_from_world: poses, metres; x right, y down, z forward.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)

@@ -18,10 +18,11 @@ OPENCV_CENTRE = 0.5  # OpenCV puts (0, 0) at the centre of the first pixel, we a
 class StaticCamera(NamedTuple):
     """One camera as a calibration file has it, in our convention of pixels.
 
-    size: (width, height), pixels; None: the file does not say.
-    intrinsics: K, the centre of the first pixel at (0.5, 0.5).
-    distortion: k1 k2 p1 p2 k3.
-    cam_from_world: the pose, in the file's lengths.
+    Attributes:
+        size: (width, height), pixels; None: the file does not say.
+        intrinsics: K, the centre of the first pixel at (0.5, 0.5).
+        distortion: k1 k2 p1 p2 k3.
+        cam_from_world: the pose, in the file's lengths.
     """
 
     size: tuple[int, int] | None
@@ -33,12 +34,13 @@ class StaticCamera(NamedTuple):
 class WrittenCamera(NamedTuple):
     """One camera as a calibration in OpenCV's convention holds it.
 
-    name: the capture's.
-    size: (width, height), pixels.
-    intrinsics: K, the centre of the first pixel at (0, 0).
-    distortion: k1 k2 p1 p2 k3.
-    rotation: from the world to the camera.
-    translation: the same, metres.
+    Attributes:
+        name: the capture's.
+        size: (width, height), pixels.
+        intrinsics: K, the centre of the first pixel at (0, 0).
+        distortion: k1 k2 p1 p2 k3.
+        rotation: from the world to the camera.
+        translation: the same, metres.
     """
 
     name: str

@@ -12,9 +12,10 @@ from jaxmocap.geometry import camera_centres
 class ViewGeometry(NamedTuple):
     """How well cameras see a point, the person, that every camera sees with one pixel of error.
 
-    angle: the largest between the directions to two cameras, degrees.
-    across: standard deviation of the point in its most certain direction, metres.
-    depth: the same in its least certain direction.
+    Attributes:
+        angle: the largest between the directions to two cameras, degrees.
+        across: standard deviation of the point in its most certain direction, metres.
+        depth: the same in its least certain direction.
     """
 
     angle: float

@@ -19,9 +19,10 @@ from ._tnt15 import TNT15 as TNT15
 class DatasetReader(Protocol):
     """A reader of one data set.
 
-    name: of the data set
-    licence: its terms, in words
-    download: where to get it, and what
+    Attributes:
+        name: of the data set.
+        licence: its terms, in words.
+        download: where to get it, and what.
     """
 
     name: str

@@ -24,10 +24,11 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm")
 class StaticCalibration:
     """A camera that does not move.
 
-    intrinsics: pixels, the centre of the first pixel at (0, 0)
-    distortion: k1 k2 p1 p2 k3, as OpenCV has them
-    rotation: from the world to the camera
-    translation: from the world to the camera, metres
+    Attributes:
+        intrinsics: pixels, the centre of the first pixel at (0, 0).
+        distortion: k1 k2 p1 p2 k3, as OpenCV has them.
+        rotation: from the world to the camera.
+        translation: from the world to the camera, metres.
     """
 
     intrinsics: Float[np.ndarray, "3 3"]
@@ -40,10 +41,11 @@ class StaticCalibration:
 class RecordedCamera:
     """What one camera recorded.
 
-    name: of the camera
-    pictures: a video, or a folder of images
-    calibration: of the camera
-    offset: when it began, seconds, added to its own time; 0
+    Attributes:
+        name: of the camera.
+        pictures: a video, or a folder of images.
+        calibration: of the camera.
+        offset: when it began, seconds, added to its own time; 0 by default.
     """
 
     name: str
@@ -56,13 +58,14 @@ class RecordedCamera:
 class RecordedSequence:
     """What a reader finds.
 
-    name: of the capture that it becomes
-    fps: frames per second
-    up: the world's vertical axis, "y" or "z"
-    cameras: and what they recorded
-    markers: metres in the world, NaN where not seen; None where there are none
-    times: of the markers, seconds of the first camera
-    actor: the subject's mesh; None where there is none
+    Attributes:
+        name: of the capture that it becomes.
+        fps: frames per second.
+        up: the world's vertical axis, "y" or "z".
+        cameras: and what they recorded.
+        markers: metres in the world, NaN where not seen; None where there are none.
+        times: of the markers, seconds of the first camera.
+        actor: the subject's mesh; None where there is none.
     """
 
     name: str

@@ -24,10 +24,11 @@ _PICTURED = 12
 class Benchmark:
     """What `bench` found.
 
-    rows: the tidy table, a row per trial.
-    figures: what the gate compares.
-    complaints: sentences about figures that are worse than the baseline.
-    files: what was written, by what it holds.
+    Attributes:
+        rows: the tidy table, a row per trial.
+        figures: what the gate compares.
+        complaints: sentences about figures that are worse than the baseline.
+        files: what was written, by what it holds.
     """
 
     rows: list[Row]

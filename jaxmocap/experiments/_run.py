@@ -16,11 +16,12 @@ Start = Literal["registered", "truth"]
 class Inputs:
     """What a method is given, beyond the capture.
 
-    selected: the frames of Gamma used; none: the capture's own, or chosen as `track` does.
-    start: where their poses come from; "truth" for captures of a single camera, which cannot be registered.
-    camera_degrees: noise added to the cameras' rotations, one draw per camera and seed.
-    camera_centimetres: noise added to their places, in the same way.
-    mesh_millimetres: noise added to the mesh along its normals.
+    Attributes:
+        selected: the frames of Gamma used; none: the capture's own, or chosen as `track` does.
+        start: where their poses come from; "truth" for captures of a single camera, which cannot be registered.
+        camera_degrees: noise added to the cameras' rotations, one draw per camera and seed.
+        camera_centimetres: noise added to their places, in the same way.
+        mesh_millimetres: noise added to the mesh along its normals.
     """
 
     selected: tuple[int, ...] = (0,)
@@ -34,14 +35,15 @@ class Inputs:
 class Run:
     """One method on one capture.
 
-    capture: a suite's capture, or the folder of a real one.
-    method: a name of `jaxmocap.baselines.METHODS`.
-    quality: the preset.
-    settings: changes of the tracker by dotted names, as `with_settings` takes them.
-    appearance: changes of the appearance's settings, in the same way.
-    inputs: what the method is given beyond the capture.
-    frames: (start, stop); None for all.
-    seed: of registration, appearance and tracking.
+    Attributes:
+        capture: a suite's capture, or the folder of a real one.
+        method: a name of `jaxmocap.baselines.METHODS`.
+        quality: the preset.
+        settings: changes of the tracker by dotted names, as `with_settings` takes them.
+        appearance: changes of the appearance's settings, in the same way.
+        inputs: what the method is given beyond the capture.
+        frames: (start, stop); None for all.
+        seed: of registration, appearance and tracking.
     """
 
     capture: CaptureSpec | str

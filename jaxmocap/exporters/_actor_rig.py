@@ -34,13 +34,14 @@ _NOTICED = 1e-3
 class ActorRig(NamedTuple):
     """A skinned document, posed.
 
-    document: the glTF
-    joints: the nodes of its joints
-    scales: of the joints, in their parents
-    rotations: of the joints, in their parents
-    translations: of the joints, in their parents, in the document's units
-    own: whether it is the actor's own file
-    off: how far its mesh comes to lie from the tracked one at most, metres
+    Attributes:
+        document: the glTF.
+        joints: the nodes of its joints.
+        scales: of the joints, in their parents.
+        rotations: of the joints, in their parents.
+        translations: of the joints, in their parents, in the document's units.
+        own: whether it is the actor's own file.
+        off: how far its mesh comes to lie from the tracked one at most, metres.
     """
 
     document: Document

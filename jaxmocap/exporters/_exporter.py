@@ -27,12 +27,13 @@ def _silent(sentence: str) -> None:
 class ExportForm:
     """How a file is to be written.
 
-    name: of the file, for messages
-    units: of lengths, "m", "cm" or "mm"; metres
-    up: the vertical axis, "y" or "z"; y
-    frame_rate: frames per second; None where the time between frames varies
-    actor: the character's own file, where one is named; None
-    say: takes sentences that the user should know; nothing listens by default
+    Attributes:
+        name: of the file, for messages.
+        units: of lengths, "m", "cm" or "mm"; metres by default.
+        up: the vertical axis, "y" or "z"; y by default.
+        frame_rate: frames per second; None where the time between frames varies.
+        actor: the character's own file, where one is named; None by default.
+        say: takes sentences that the user should know; nothing listens by default.
     """
 
     name: str
@@ -54,13 +55,15 @@ class Exporter(NamedTuple):
     The motion comes to `write` with the vertical axis and the frame rate of the form and with joint angles that do not
     jump; only its lengths are still metres.
 
-    write: `write(motion, path, form)` writes one file, or a folder, at a path that is free
-    units: of lengths where the user does not say; metres
-    up: the vertical axis where the user does not say; None leaves the motion's
-    fixed: whether the format defines `units` and `up`; no
-    even: whether the time between all frames must be the same; no
-    resamples: whether the frame rate may change, unlike where frames must stay those of the videos; yes
-    folder: whether a folder is written instead of a file; no
+    Attributes:
+        write: `write(motion, path, form)` writes one file, or a folder, at a path that is free.
+        units: of lengths where the user does not say; metres by default.
+        up: the vertical axis where the user does not say; None leaves the motion's.
+        fixed: whether the format defines `units` and `up`; not by default.
+        even: whether the time between all frames must be the same; not by default.
+        resamples: whether the frame rate may change, unlike where frames must stay those of the videos; by default it
+            may.
+        folder: whether a folder is written instead of a file; not by default.
     """
 
     write: Callable[[Motion, Path, ExportForm], None]

@@ -19,10 +19,11 @@ _SAME_PLACE = 1e-3  # metres
 class JointClip(NamedTuple):
     """Joints that move.
 
-    rig: which body each joint is; places and rest transforms in the file's units
-    worlds: transforms of the rig's joints in the file's own world and units
-    timestamps: seconds
-    up: the world's vertical axis
+    Attributes:
+        rig: which body each joint is; places and rest transforms in the file's units.
+        worlds: transforms of the rig's joints in the file's own world and units.
+        timestamps: seconds.
+        up: the world's vertical axis.
     """
 
     rig: Rig

@@ -23,9 +23,10 @@ _CHUNK = 16
 class Targets(NamedTuple):
     """What the bodies do in a clip.
 
-    rotations: world from rest, of the bodies; not finite where the clip does not know one
-    bones: names of the landmarks that each bone goes from and to
-    vectors: of the bones, in the world, metres
+    Attributes:
+        rotations: world from rest, of the bodies; not finite where the clip does not know one.
+        bones: names of the landmarks that each bone goes from and to.
+        vectors: of the bones, in the world, metres.
     """
 
     rotations: Float[np.ndarray, "frame bone 3 3"]

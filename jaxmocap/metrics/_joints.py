@@ -31,16 +31,17 @@ Joints = Literal["comparable", "all"] | Sequence[str]
 class JointErrors:
     """Distances per frame and joint in metres, NaN where the truth has none.
 
-    names: the joints compared, the columns of the others.
-    raw: between world positions.
-    root_aligned: after the pelvis (else the middle of the hips) is moved onto the true one; None where neither is
-        known.
-    procrustes: after the best similarity of each frame (PA-MPJPE).
-    offset_corrected: without each joint's mean residual in the frame of the body it belongs to: two definitions of a
-        joint that differ by a fixed vector on the bone then agree.
-    acceleration: |a - a*| at inner frames, m/s^2.
-    deviations: raw, in standard deviations of the motion's covariance (Mahalanobis); None without one.
-    left_out: mean raw error of every joint that both sides know and that is not among `names`.
+    Attributes:
+        names: the joints compared, the columns of the others.
+        raw: between world positions.
+        root_aligned: after the pelvis (else the middle of the hips) is moved onto the true one; None where neither is
+            known.
+        procrustes: after the best similarity of each frame (PA-MPJPE).
+        offset_corrected: without each joint's mean residual in the frame of the body it belongs to: two definitions of
+            a joint that differ by a fixed vector on the bone then agree.
+        acceleration: |a - a*| at inner frames, m/s^2.
+        deviations: raw, in standard deviations of the motion's covariance (Mahalanobis); None without one.
+        left_out: mean raw error of every joint that both sides know and that is not among `names`.
     """
 
     names: tuple[str, ...]

@@ -18,13 +18,14 @@ from ._truth import sample
 class MarkerError:
     """Distances in metres, NaN where a marker is not seen or was not seen in the first frame.
 
-    faces: the triangle that each marker is attached to; -1 for a marker not seen in the first frame.
-    barycentric: where on that triangle.
-    distances: the paper's, the marker against its fixed surface point.
-    offset_corrected: as if the marker stood off the surface by a constant vector in its triangle's frame, the mean over
-        the frames.
-    realigned: after all markers are moved rigidly, once for the sequence, onto the surface points; not comparable with
-        the paper.
+    Attributes:
+        faces: the triangle that each marker is attached to; -1 for a marker not seen in the first frame.
+        barycentric: where on that triangle.
+        distances: the paper's, the marker against its fixed surface point.
+        offset_corrected: as if the marker stood off the surface by a constant vector in its triangle's frame, the mean
+            over the frames.
+        realigned: after all markers are moved rigidly, once for the sequence, onto the surface points; not comparable
+            with the paper.
     """
 
     faces: Int[np.ndarray, " marker"]

@@ -17,13 +17,14 @@ _SAME_INSTANT = 0.02  # of a sample interval: nearer than this, a sample is take
 class Truth:
     """Markers and joints of a capture on one time axis, NaN where not seen.
 
-    path: the file they were read from.
-    times: seconds since the first camera's first frame; None means one sample per frame of its video.
-    markers: points on the skin, metres.
-    joints: metres, columns called `joint_names`.
-    joint_names: their names.
-    cam_from_world: the true pose of every camera at every sample, metres.
-    has_our_joints: whether the joints are those of our skeleton, not of another rig or a detector.
+    Attributes:
+        path: the file they were read from.
+        times: seconds since the first camera's first frame; None means one sample per frame of its video.
+        markers: points on the skin, metres.
+        joints: metres, columns called `joint_names`.
+        joint_names: their names.
+        cam_from_world: the true pose of every camera at every sample, metres.
+        has_our_joints: whether the joints are those of our skeleton, not of another rig or a detector.
     """
 
     path: Path

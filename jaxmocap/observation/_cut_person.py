@@ -26,18 +26,18 @@ class CutSettings:
     a standing person's height; weights are in nats.
 
     Attributes:
-        limb: half the width of the lines drawn between keypoints, which belong to the prior
-        prior: distance from the prior's outline that is worth one nat
-        prior_most: nats that it is worth at most
-        skin: how far inside the body's colours count fully
-        sure: deeper in the prior than this everything is the person
-        band: farther from it than this nothing is, which leaves room for hair and clothes
-        near: how local colours are
-        anywhere: share of the colours of the whole body and its surroundings
-        still: weight of what stays where it is
-        colours: how many colours are told apart
-        sharpness: weight of all this against the length of the outline
-        keypoint_confidence: below which a keypoint is not used
+        limb: half the width of the lines drawn between keypoints, which belong to the prior.
+        prior: distance from the prior's outline that is worth one nat.
+        prior_most: nats that it is worth at most.
+        skin: how far inside the body's colours count fully.
+        sure: deeper in the prior than this everything is the person.
+        band: farther from it than this nothing is, which leaves room for hair and clothes.
+        near: how local colours are.
+        anywhere: share of the colours of the whole body and its surroundings.
+        still: weight of what stays where it is.
+        colours: how many colours are told apart.
+        sharpness: weight of all this against the length of the outline.
+        keypoint_confidence: below which a keypoint is not used.
     """
 
     limb: float = 0.025

@@ -19,18 +19,18 @@ class FeatureSettings:
     """How background features are found and filtered.
 
     Attributes:
-        count: SIFT features per frame
+        count: SIFT features per frame.
         scales: image scales tried in turn until `enough` matches survive; half resolution takes a fifth of the time and
-            usually suffices
-        enough: matches
-        ratio: of the nearest to the second nearest descriptor's distance
-        model: of the global check: "fundamental", which keeps parallax, or "homography"
-        threshold: of the global check, pixels
-        blocks: the image is cut into blocks x blocks, and each asks for a common affine motion; 0 turns that off
-        block_threshold: of that motion, pixels
-        minimum: direct matches below which tracks from the previous frame are added
-        mask_growth: pixels by which the person mask grows
-        mask_growth_to: the same for the second frame, where the mask is a prediction, as a share of the image height
+            usually suffices.
+        enough: matches.
+        ratio: of the nearest to the second nearest descriptor's distance.
+        model: of the global check: "fundamental", which keeps parallax, or "homography".
+        threshold: of the global check, pixels.
+        blocks: the image is cut into blocks x blocks, and each asks for a common affine motion; 0 turns that off.
+        block_threshold: of that motion, pixels.
+        minimum: direct matches below which tracks from the previous frame are added.
+        mask_growth: pixels by which the person mask grows.
+        mask_growth_to: the same for the second frame, where the mask is a prediction, as a share of the image height.
     """
 
     count: int = 3000

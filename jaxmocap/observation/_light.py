@@ -27,9 +27,9 @@ class LightSettings:
 
     Attributes:
         still: changes of the logarithm of a channel below this are left alone, so that in steady light every picture
-            stays as it is; from twice that on they are taken out wholly
-        width: pixels at which pictures are compared
-        overlap: share of them that has to show the same
+            stays as it is; from twice that on they are taken out wholly.
+        width: pixels at which pictures are compared.
+        overlap: share of them that has to show the same.
     """
 
     still: float = 0.05

@@ -23,13 +23,13 @@ class RefineWeights(eqx.Module):
     """Numbers of Eqs 8 to 10, all array leaves.
 
     Attributes:
-        regularisation: lambda_reg, 3 in the paper
+        regularisation: lambda_reg, 3 in the paper.
         residual_scale: metres that count as 1 in the data term, for which the paper gives no unit; with it the L1's
-            dead zone is about 0.06 degrees for a forearm
-        prior: factor on the pull to the autoregression's prediction against lambda_reg; 1 is the paper
-        robust: Geman-McClure scale, metres
-        contour: weight of contour rows
-        surface: weight of surface rows, which are not in the paper
+            dead zone is about 0.06 degrees for a forearm.
+        prior: factor on the pull to the autoregression's prediction against lambda_reg; 1 is the paper.
+        robust: Geman-McClure scale, metres.
+        contour: weight of contour rows.
+        surface: weight of surface rows, which are not in the paper.
     """
 
     regularisation: Knob = knob(3.0)
@@ -45,17 +45,18 @@ class RefinePlan:
     """The local refinement of sec. 4.2. `RefinePlan()` is the paper.
 
     Attributes:
-        rounds: of association and solving; 6 in the paper
-        steps: of Gauss-Newton per round
-        robust_start: widens the robust scale of the first round; halved every round
-        contours: how contours look for their edge
+        rounds: of association and solving; 6 in the paper.
+        steps: of Gauss-Newton per round.
+        robust_start: widens the robust scale of the first round; halved every round.
+        contours: how contours look for their edge.
         edges: where they look: "canny", the Canny picture (the paper), or "background", the outline of what is not
-            background
-        surface_flow: adds the correspondences transferred over the surface from the selected frames and the other views
-        flow: settings of these
-        weights: of the rows and the prior
-        refiner: solves the compressed least-squares problem with the L1, the prior and the joint limits
-        autoregression: how the next increment is predicted, see `predict_difference`
+            background.
+        surface_flow: adds the correspondences transferred over the surface from the selected frames and the other
+            views.
+        flow: settings of these.
+        weights: of the rows and the prior.
+        refiner: solves the compressed least-squares problem with the L1, the prior and the joint limits.
+        autoregression: how the next increment is predicted, see `predict_difference`.
     """
 
     rounds: int = 6
@@ -75,9 +76,9 @@ class DetectionPlan:
     """How a detector's keypoints count, where the observations have any. Not in the paper.
 
     Attributes:
-        search: the term of the search energy
-        scale: metres from a point's ray that count as 1 in the refinement
-        robust: metres beyond which a point fades (Geman and McClure)
+        search: the term of the search energy.
+        scale: metres from a point's ray that count as 1 in the refinement.
+        robust: metres beyond which a point fades (Geman and McClure).
     """
 
     search: Keypoints = field(default_factory=Keypoints)

@@ -89,12 +89,12 @@ class FlowSettings:
     """Which surface points optical flow moves, and which of its answers to believe. Not in the paper.
 
     Attributes:
-        samples: rows per view and source
-        margin: pixels from the silhouette that are left out
-        facing: least cosine between a face's normal and the direction to either camera
-        colour: largest grey difference of a match, 0 to 1
-        longest: longest flow, pixels
-        preset: of OpenCV's DIS flow: "ultrafast", "fast" or "medium"
+        samples: rows per view and source.
+        margin: pixels from the silhouette that are left out.
+        facing: least cosine between a face's normal and the direction to either camera.
+        colour: largest grey difference of a match, 0 to 1.
+        longest: longest flow, pixels.
+        preset: of OpenCV's DIS flow: "ultrafast", "fast" or "medium".
     """
 
     samples: int = 800

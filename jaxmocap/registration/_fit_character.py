@@ -38,12 +38,12 @@ class CharacterFitSettings:
     """How a character is fitted to keypoints and masks of several frames. Not in the paper.
 
     Attributes:
-        prior: keeps the body human
-        keypoint_scale: metres off a keypoint's ray that count as one standard deviation
-        robust: metres beyond which a keypoint fades (Geman and McClure), one solve after the other
-        mask_rounds: times that contours are tied to the masks anew
-        refiner: solves for shape and poses together
-        pose_refiner: solves for the poses alone
+        prior: keeps the body human.
+        keypoint_scale: metres off a keypoint's ray that count as one standard deviation.
+        robust: metres beyond which a keypoint fades (Geman and McClure), one solve after the other.
+        mask_rounds: times that contours are tied to the masks anew.
+        refiner: solves for shape and poses together.
+        pose_refiner: solves for the poses alone.
     """
 
     prior: ShapePrior = field(default_factory=ShapePrior)
@@ -59,13 +59,13 @@ class CharacterFit:
     """A character made to measure.
 
     Attributes:
-        character: the fitted one
-        shape: what makes it of the generic one
-        poses: in which it was fitted, by frame
-        offsets: where a detector sees a landmark of the left side, from the landmark, metres in the rest frame
-        keypoint_error: median distance of points and keypoints' rays, metres
-        generic_error: the same of the generic character in its own best poses
-        num_masks: how many masks took part
+        character: the fitted one.
+        shape: what makes it of the generic one.
+        poses: in which it was fitted, by frame.
+        offsets: where a detector sees a landmark of the left side, from the landmark, metres in the rest frame.
+        keypoint_error: median distance of points and keypoints' rays, metres.
+        generic_error: the same of the generic character in its own best poses.
+        num_masks: how many masks took part.
     """
 
     character: Character

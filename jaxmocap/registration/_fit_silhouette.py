@@ -29,13 +29,13 @@ class RegistrationSettings:
     """How a rough pose becomes a registered one (sec. 3.2).
 
     Attributes:
-        rounds: of contour association and least squares
+        rounds: of contour association and least squares.
         search_below: intersection over union below which the silhouette energy is searched by annealing (Gall et al.
-            2009)
-        warn_below: intersection over union below which the command line warns
+            2009).
+        warn_below: intersection over union below which the command line warns.
         view_flow: rounds that compare the views with each other through the surface (Eq. 7 as least squares); 0, the
-            paper, leaves that out
-        refiner: solves the least squares
+            paper, leaves that out.
+        refiner: solves the least squares.
     """
 
     rounds: int = 10

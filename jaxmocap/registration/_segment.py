@@ -31,11 +31,11 @@ class SegmentationSettings:
     """How the person's masks are found. Not in the paper, where they are drawn by hand.
 
     Attributes:
-        rounds: times at most that the body is fitted to the masks and they are cut again
-        settled: 1 - intersection over union below which no mask counts as changed
-        others: frames of each camera that tell what stands still
-        warn_below: confidence below which a mask is worth a look
-        cut: settings of the graph cut
+        rounds: times at most that the body is fitted to the masks and they are cut again.
+        settled: 1 - intersection over union below which no mask counts as changed.
+        others: frames of each camera that tell what stands still.
+        warn_below: confidence below which a mask is worth a look.
+        cut: settings of the graph cut.
     """
 
     rounds: int = 2

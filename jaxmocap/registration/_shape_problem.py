@@ -46,15 +46,15 @@ class ShapePrior(eqx.Module):
     of U.S. Army Personnel, NATICK/TR-15/007, 2014). The means are the generic character's own proportions.
 
     Attributes:
-        height: of the whole body; about 4 % within a sex
-        length: of a bone; about 5 %
-        extremity: of head, hand and foot
-        girth: of a girth; about 10 %
-        coupling: mean of a girth's logarithm as a share of its bones'
-        offset: of a detector's idea of a landmark, metres: one vector for all frames, mirrored between the sides
-        posture: how far spine, neck and collar bones bend, as a share of their limits
-        angle: radians; keeps what no keypoint shows near the start
-        widest: standard deviations that are never exceeded
+        height: of the whole body; about 4 % within a sex.
+        length: of a bone; about 5 %.
+        extremity: of head, hand and foot.
+        girth: of a girth; about 10 %.
+        coupling: mean of a girth's logarithm as a share of its bones'.
+        offset: of a detector's idea of a landmark, metres: one vector for all frames, mirrored between the sides.
+        posture: how far spine, neck and collar bones bend, as a share of their limits.
+        angle: radians; keeps what no keypoint shows near the start.
+        widest: standard deviations that are never exceeded.
     """
 
     height: Scalar = knob(0.06)

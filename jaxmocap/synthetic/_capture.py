@@ -33,21 +33,22 @@ _OPENPOSE_PLACES = {"pelvis": "mid_hip"}
 class SyntheticCapture:
     """A synthetic capture in memory; metres, y up.
 
-    name: of the capture
-    fps: frames per second
-    timestamps: of the frames, seconds
-    images: RGB
-    masks: of the actor, at each frame's own time
-    cameras: true ones
-    character: the actor
-    poses: true ones, at each frame's own time, with a leading frame axis
-    markers: true places of points of the skin
-    marker_faces: the face that each marker lies on
-    marker_barycentrics: where on its face
-    joints: true places
-    joint_names: of `joints`
-    selected_frames: those with keypoints
-    keypoints: BODY_25 as x, y, confidence with noise, at the selected frames only; pixels
+    Attributes:
+        name: of the capture.
+        fps: frames per second.
+        timestamps: of the frames, seconds.
+        images: RGB.
+        masks: of the actor, at each frame's own time.
+        cameras: true ones.
+        character: the actor.
+        poses: true ones, at each frame's own time, with a leading frame axis.
+        markers: true places of points of the skin.
+        marker_faces: the face that each marker lies on.
+        marker_barycentrics: where on its face.
+        joints: true places.
+        joint_names: of `joints`.
+        selected_frames: those with keypoints.
+        keypoints: BODY_25 as x, y, confidence with noise, at the selected frames only; pixels.
     """
 
     name: str

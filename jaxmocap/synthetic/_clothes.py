@@ -28,10 +28,12 @@ _SHOES = _f32((0.50, 0.22, 0.14))
 class Outfit:
     """A seeded set of clothes.
 
-    noise: the grain of the cloth
-    style: "patterned": striped and blotched shirt with short sleeves, mottled trousers; "uniform": shirt with long
-        sleeves and trousers of one plain colour each, so that arms in front of the torso hardly show; "plain sleeves":
-        the patterned shirt with long sleeves of one plain colour, along which nothing tells where the elbow is
+    Attributes:
+        noise: the grain of the cloth.
+        style: "patterned": striped and blotched shirt with short sleeves, mottled trousers; "uniform": shirt with long
+            sleeves and trousers of one plain colour each, so that arms in front of the torso hardly show; "plain
+            sleeves": the patterned shirt with long sleeves of one plain colour, along which nothing tells where the
+            elbow is.
     """
 
     noise: Float[np.ndarray, "n n n"]

@@ -10,10 +10,11 @@ from jaxtyping import Float, Int
 class Fragments:
     """The visible samples of a mesh.
 
-    index: flat, into (height, width)
-    face: that is seen
-    barycentric: perspective-correct, of its corners
-    inverse_depth: 1/m
+    Attributes:
+        index: flat, into (height, width).
+        face: that is seen.
+        barycentric: perspective-correct, of its corners.
+        inverse_depth: 1/m.
     """
 
     index: Int[np.ndarray, "sample"]

@@ -19,9 +19,10 @@ _SHADOW_TEXEL = 0.02
 class Subject:
     """What is drawn of the actor.
 
-    rest: vertices at rest in template size, for the colours
-    faces: triangles
-    outfit: clothes
+    Attributes:
+        rest: vertices at rest in template size, for the colours.
+        faces: triangles.
+        outfit: clothes.
     """
 
     rest: Float[np.ndarray, "vertex 3"]
@@ -33,8 +34,9 @@ class Subject:
 class Rendered:
     """A drawn view.
 
-    light: linear RGB before the sensor
-    ids: the actor's face at each pixel centre, -1 elsewhere
+    Attributes:
+        light: linear RGB before the sensor.
+        ids: the actor's face at each pixel centre, -1 elsewhere.
     """
 
     light: Float[np.ndarray, "height width 3"]

@@ -25,12 +25,13 @@ _PAD = 2
 class Panel:
     """A textured rectangle.
 
-    corner: top left of the picture, metres
-    right: its upper edge, metres
-    down: its left edge, metres
-    pyramid: its picture at halving sizes
-    light: what Lambert's law leaves of the picture
-    takes_shadow: whether the actor's shadow falls on it; no
+    Attributes:
+        corner: top left of the picture, metres.
+        right: its upper edge, metres.
+        down: its left edge, metres.
+        pyramid: its picture at halving sizes.
+        light: what Lambert's law leaves of the picture.
+        takes_shadow: whether the actor's shadow falls on it; not by default.
     """
 
     corner: Float[np.ndarray, "3"]
@@ -45,9 +46,10 @@ class Panel:
 class Pyramid:
     """One picture at halving sizes.
 
-    atlas: all levels side by side, RGB, uint8
-    starts: top left corners of the levels in the atlas, (x, y)
-    sizes: of the levels, (x, y)
+    Attributes:
+        atlas: all levels side by side, RGB, uint8.
+        starts: top left corners of the levels in the atlas, (x, y).
+        sizes: of the levels, (x, y).
     """
 
     atlas: np.ndarray
@@ -165,9 +167,10 @@ def make_scene(seed: int = 0, scenery: Scenery = "bricks") -> Scene:
 class GroundShadow:
     """The actor's shadow on the ground.
 
-    image: darkness in [0, 1]; rows run along z, columns along x
-    corner: where the image begins, (x, z), metres
-    texel: metres
+    Attributes:
+        image: darkness in [0, 1]; rows run along z, columns along x.
+        corner: where the image begins, (x, z), metres.
+        texel: metres.
     """
 
     image: np.ndarray

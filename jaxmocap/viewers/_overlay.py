@@ -29,10 +29,11 @@ _BONES = _SPINE + _LEFT + tuple((a.replace("l_", "r_"), b.replace("l_", "r_")) f
 class OverlayStyle:
     """How much of what is drawn.
 
-    opacity: of the mesh, 0 to 1.
-    contour: width of the silhouette's outline, pixels; 0 leaves it out.
-    bones: width of the skeleton's lines, pixels; 0 leaves it out.
-    verdict: whether border and words tell the status and the label is written.
+    Attributes:
+        opacity: of the mesh, 0 to 1.
+        contour: width of the silhouette's outline, pixels; 0 leaves it out.
+        bones: width of the skeleton's lines, pixels; 0 leaves it out.
+        verdict: whether border and words tell the status and the label is written.
     """
 
     opacity: float = 0.55

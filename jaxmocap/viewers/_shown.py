@@ -24,13 +24,14 @@ _IMAGE_SIDE = 640  # pixels of the longer side; enough to look at, quick to send
 class Shown:
     """A motion, and what there is to show beside it.
 
-    motion: the result.
-    capture: whose images are shown; None without.
-    positions: where the motion's frames are in the capture.
-    truth: points in the motion's world, metres, NaN where unknown; None without.
-    other: a second result of the same frames; None without.
-    other_positions: where that result shows each frame; -1 where it does not.
-    missing: sentences about what could not be had.
+    Attributes:
+        motion: the result.
+        capture: whose images are shown; None without.
+        positions: where the motion's frames are in the capture.
+        truth: points in the motion's world, metres, NaN where unknown; None without.
+        other: a second result of the same frames; None without.
+        other_positions: where that result shows each frame; -1 where it does not.
+        missing: sentences about what could not be had.
     """
 
     motion: Motion
