@@ -10,7 +10,7 @@ import jax
 
 @cache
 def code_hash() -> str:
-    """Hash of the package's own source, so that nothing made by other code is taken for its own."""
+    """Hash the package's own source, so that nothing made by other code is taken for its own."""
     folder, found = Path(__file__).parents[1], hashlib.blake2b(digest_size=16)
     for path in sorted(folder.rglob("*.py")):
         found.update(str(path.relative_to(folder)).encode() + path.read_bytes())

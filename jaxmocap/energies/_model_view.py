@@ -103,7 +103,7 @@ class ModelView(AbstractTerm):
         return (cost.sum() + prepared.elsewhere.sum() + self.outside * drawn.outside.sum()) / frame.area
 
     def _exact(self, camera: Array, prepared: _Prepared, buffer: Array, group: GroupProblem) -> Float[Array, ""]:
-        """Sum of the pixel costs of one view's region, covered tiles by the Gaussians themselves."""
+        """Sum the pixel costs of one view's region, covered tiles by the Gaussians themselves."""
         frame, region, layout = group.frame, group.region, group.layout
         clusters, width = _clusters(frame), region.size[1]
         background = prepared.background[camera].reshape(-1)

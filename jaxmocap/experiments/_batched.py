@@ -93,7 +93,7 @@ class SearchBatch(eqx.Module):
         return SearchBatch(energy, sampler, whole, spread, lower, upper, dofs, capacity, driver)
 
     def one(self, energy: SearchEnergy, key: PRNGKeyArray) -> tuple[Float[Array, "dof"], Float[Array, ""]]:
-        """Search once with this energy and key: the increment found, and its energy."""
+        """Search once with this energy and key; return the increment found and its energy."""
         return _one(self, energy, key)
 
     def __call__(self, settings: Mapping[str, Float[Array, "setting"]], seeds: Int[Array, "seed"]) -> BatchedSearch:
@@ -105,7 +105,7 @@ class SearchBatch(eqx.Module):
         return BatchedSearch(increments, values)
 
     def batched(self, settings: Mapping[str, Float[Array, "setting"]]) -> tuple[SearchEnergy, Any]:
-        """Give every leaf of the energy that is varied a leading axis; say which leaves have one, as `vmap` wants.
+        """Give every varied leaf of the energy a leading axis; say which leaves have one, as `vmap` wants it.
 
         Raises `InputError` if settings differ in length or are not numbers that can be swept.
         """

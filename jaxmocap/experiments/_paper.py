@@ -142,7 +142,7 @@ def paper(
 
 
 def _silhouettes(dance: CaptureSpec, seeds: Sequence[int], base: Run) -> list[Trial]:
-    """List the methods that rest on silhouettes, and ours.
+    """List trials of the methods that rest on silhouettes, and of ours.
 
     The views are few and near, few and far apart, and more: the order of Fig. 15 depends on that.
     """
@@ -157,7 +157,7 @@ def _silhouettes(dance: CaptureSpec, seeds: Sequence[int], base: Run) -> list[Tr
 
 
 def _as_printed(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run, quality) -> list[Trial]:
-    """Run the stories of Fig. 1 without the prior of the search, which the paper lacks and which rescues, too."""
+    """List the stories of Fig. 1 without the prior of the search, which the paper lacks and which rescues, too."""
     parts: list[Setting] = [
         ("all parts", {}, {}),
         *(without(f"no {term}", quality) for term in ("background", "view-view")),
@@ -168,7 +168,7 @@ def _as_printed(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base:
 
 
 def _more(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run) -> list[Trial]:
-    """Vary what the paper does not, and the resolution of its grid."""
+    """List trials of what the paper does not vary, and of the resolution of its grid."""
     arms, light = captures[ARMS], captures[LIGHT]
     weight = "search_energy.terms.view_view.weight"
 

@@ -50,7 +50,7 @@ def picture_source(
     camera: int,
     pose: Pose,
 ) -> Source:
-    """Make one camera's picture of a frame whose pose is known a source."""
+    """Make a source of one camera's picture of a frame whose pose is known."""
     view = cameras.at(frame)
     vertices = skin(character, pose)
     width, height = cameras.sizes[camera]
@@ -75,7 +75,7 @@ def same_time_sources(
     vertices: Float[Array, "vertex 3"],
     ids: Sequence[np.ndarray] | np.ndarray | Int[Array, "camera height width"],
 ) -> list[Source]:
-    """Make a source for the other views of what every view shows at the current frame.
+    """Make sources, for the other views, of what every view shows at the current frame.
 
     `pictures` keep the coordinates of the whole image (`padded`), `ids` are those of the rectangles.
     """

@@ -58,7 +58,7 @@ def register_frame(
     overrides: dict[str, float] | None = None,
     settings: RegistrationSettings | None = None,
 ) -> Registration:
-    """Pose of the mesh at one selected frame.
+    """Find the pose of the mesh at one selected frame.
 
     `start` replaces the inverse kinematics (needed when the frame has no keypoints). `overrides` fixes single DoFs.
     """

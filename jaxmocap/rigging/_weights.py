@@ -53,7 +53,7 @@ def skin_weights(
     laid: Float[np.ndarray, "skin 3"],
     heat: float = HEAT,
 ) -> Float[np.ndarray, "vertex bone"]:
-    """Weigh a mesh's vertices by bone (V, 18): at most four bones each, none negative, rows that sum to 1.
+    """Compute a mesh's skin weights (V, 18): at most four bones each, none negative, rows that sum to 1.
 
     `places` are joints and landmarks in the mesh's rest pose, metres, and `laid` the vertices of the template laid into
     the mesh. Along the forearm the hand takes over linearly, so that turning it does not wring the wrist.

@@ -67,7 +67,7 @@ def _descend(energy, character, pose, problem, settings, steps, tolerance):
 def polish(
     energy: SearchEnergy, character: Character, pose: Pose, problem: FrameProblem, plan: PolishPlan | None = None
 ) -> tuple[Pose, float, float]:
-    """Descend on the soft Eq. 5 within the joint limits: the pose, and the soft energy before and after.
+    """Go downhill on the soft Eq. 5 within the joint limits; return the pose and the soft energy before and after.
 
     Called from the host: bounds of `plan.soft` that are too small are enlarged. The pose stays as it was when no step
     lowers the energy.

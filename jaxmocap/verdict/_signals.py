@@ -44,7 +44,7 @@ class FrameSignals:
     speed: float
 
     def as_json(self) -> dict[str, list[float | None] | float]:
-        """Return numbers that JSON knows."""
+        """Return the signals as numbers that JSON knows."""
         record = {field.name: getattr(self, field.name) for field in fields(self)}
         return {
             name: round(float(value), 5)
