@@ -42,8 +42,10 @@ def configure() -> None:
 
 
 def compile_sooner() -> None:
-    """Let XLA make loops for CPUs in its older way, which compiles our programs in about 0.6 of the time. What runs for
-    long is excepted by `quick_loops`. Results differ by rounding."""
+    """Let XLA make loops for CPUs in its older way, which compiles our programs in about 0.6 of the time.
+
+    What runs for long is excepted by `quick_loops`. Results differ by rounding.
+    """
     flags = os.environ.get("XLA_FLAGS", "")
     if _EMITTERS not in flags and _emitters_known():
         os.environ["XLA_FLAGS"] = f"{flags} --{_EMITTERS}=false".strip()

@@ -53,8 +53,10 @@ class Stand:
 def write_records(
     path: str | os.PathLike[str], value: Any, known: Mapping[str, Any] | None = None, stands: tuple[Stand, ...] = ()
 ) -> None:
-    """Write `value` to `path` atomically. An object of `known` is stored as its name. Raises `TypeError` for a value of
-    another kind."""
+    """Write `value` to `path` atomically.
+
+    An object of `known` is stored as its name. Raises `TypeError` for a value of another kind.
+    """
     encode = _Encoder(_by_identity(known), stands)
     tree, buffer = encode(value), io.BytesIO()
     named = {str(number): array for number, array in enumerate(encode.arrays)}

@@ -32,7 +32,7 @@ class BackgroundModel(eqx.Module):
     source: Int[Array, "*batch triangle"]
 
     def __getitem__(self, index: int | tuple[int, ...] | Int[np.ndarray, "..."]) -> "BackgroundModel":
-        """Model at an index of the leading axes, `model[camera, selected]`."""
+        """Return the model at an index of the leading axes, `model[camera, selected]`."""
         return jax.tree.map(lambda leaf: leaf[index], self)
 
 

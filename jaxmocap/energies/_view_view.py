@@ -286,8 +286,10 @@ class ViewView(AbstractTerm):
         return replace(self, capacity=capacity)
 
     def score(self, prepared: _Prepared, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
-        """Sum over ordered pairs of the mean over the covered pixels; tau for a view without any (M2 = 0). Only pixels
-        whose key, or whose partner's key, is in a tile that the particle changes are scored anew."""
+        """Sum over ordered pairs the mean over the covered pixels; tau for a view without any (M2 = 0).
+
+        Only pixels whose key, or whose partner's key, is in a tile that the particle changes are scored anew.
+        """
         buffers = drawn.buffers
         dirty = dirty_tiles(buffers, prepared.below)
         changes = _counted_up(dirty)

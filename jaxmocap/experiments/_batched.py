@@ -97,8 +97,11 @@ class SearchBatch(eqx.Module):
         return _one(self, energy, key)
 
     def __call__(self, settings: Mapping[str, Float[Array, "setting"]], seeds: Int[Array, "seed"]) -> BatchedSearch:
-        """All settings with all seeds. `settings` are array leaves of the energy by their dotted names, as long as each
-        other: `{"terms.view_view.weight": jnp.array([0.0, 0.3, 1.0])}`."""
+        """Search with all settings and all seeds.
+
+        `settings` are array leaves of the energy by their dotted names, as long as each other:
+        `{"terms.view_view.weight": jnp.array([0.0, 0.3, 1.0])}`.
+        """
         energies, axes = self.batched(settings)
         keys = jax.vmap(jax.random.key)(jnp.asarray(seeds))
         increments, values = _every(self, energies, axes, keys)

@@ -148,8 +148,10 @@ class Motion:
 
     @property
     def joint_deviations(self) -> Float[np.ndarray, "frame joint"] | None:
-        """Standard deviation of each joint's place along one axis, metres: the root of the mean over the three. None
-        where the covariance is not known."""
+        """Standard deviation of each joint's place along one axis, metres: the root of the mean over the three.
+
+        None where the covariance is not known.
+        """
         if self.covariance is None:
             return None
         return np.sqrt(np.maximum(np.trace(self.covariance.astype(np.float64), axis1=2, axis2=3), 0) / 3)

@@ -291,8 +291,11 @@ def draw(
     first_row: int | Array = 0,
     driver: Driver | None = None,
 ) -> Int[Array, "padded_height padded_width *one"]:
-    """Draw the windows into the buffer, whose picture may start further down at `first_row`. The default driver is the
-    machine's `best_driver`. In a loop give the buffer a last axis of length one: XLA would copy it to add one."""
+    """Draw the windows into the buffer, whose picture may start further down at `first_row`.
+
+    The default driver is the machine's `best_driver`. In a loop give the buffer a last axis of length one: XLA would
+    copy it to add one.
+    """
     put = draw_one_by_one if (driver or best_driver()) == "loop" else draw_scatter
     return put(buffer, listed, layout, first_row)
 
@@ -303,8 +306,10 @@ def draw_one_by_one(
     layout: KeyLayout,
     first_row: int | Array = 0,
 ) -> Int[Array, "padded_height padded_width *one"]:
-    """Draw the windows one after the other, some hundred planned at a time, so that empty slots cost nothing. Iterate
-    particles with `lax.map`, not `vmap`."""
+    """Draw the windows one after the other, some hundred planned at a time, so that empty slots cost nothing.
+
+    Iterate particles with `lax.map`, not `vmap`.
+    """
     capacity = listed.item.shape[0]
     at_once = min(_AT_ONCE, capacity)
     missing = -capacity % at_once

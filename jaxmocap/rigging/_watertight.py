@@ -68,8 +68,10 @@ class Filled(NamedTuple):
 
 
 def fill_holes(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Filled:
-    """Fill every boundary loop by cutting its shortest ears, or by a fan where that would repeat edges. Neighbouring
-    triangles must agree where outside is."""
+    """Fill every boundary loop by cutting its shortest ears, or by a fan where that would repeat edges.
+
+    Neighbouring triangles must agree where outside is.
+    """
     loops = _loops(faces)
     if not loops:
         return Filled(vertices, faces, 0, 0.0)

@@ -68,8 +68,10 @@ class BodySearch:
         clock: Clock,
         lost: bool = False,
     ) -> tuple[Pose, Float[np.ndarray, "dof"], SearchMemory]:
-        """Search from a start: the pose found, the deviation of the last particles, and the memory after that. When the
-        person was `lost`, root and torso look further afield first."""
+        """Search from a start: the pose found, the deviation of the last particles, and the memory after that.
+
+        When the person was `lost`, root and torso look further afield first.
+        """
         deviation = np.zeros(self.character.skeleton.num_dofs)
         if lost and self.plan.relocalise > 0:
             with clock.stage("relocalise"):

@@ -149,7 +149,7 @@ class PoseScore:
         self.capacity = 2 ** (character.faces.shape[0] - 1).bit_length()
 
     def __call__(self, problem: FrameProblem, poses: list[Pose]) -> tuple[np.ndarray, np.ndarray]:
-        """Totals (pose,) and terms (pose, term)."""
+        """Score poses: totals (pose,) and terms (pose, term)."""
         moved = [np.asarray(difference(self.character.skeleton, poses[0], pose)) for pose in poses]
         increments = jnp.asarray(np.stack(moved + moved[-1:] * (-len(poses) % 4)))  # few and many compile once
         group = GroupProblem.whole(self.character, self.part, poses[0], problem)
