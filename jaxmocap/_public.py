@@ -10,6 +10,7 @@ from .capture import (
     choose_frames as choose_frames,
 )
 from jaxmocap.pipeline import sync as sync
+from jaxmocap.pipeline import FoundKeypoints as FoundKeypoints, detect as detect
 from .camera import Cameras as Cameras, read_cameras as read_cameras, write_cameras as write_cameras
 from .calibration import Calibration as Calibration, adopt_cameras as adopt_cameras
 from jaxmocap.pipeline import calibrate as calibrate

@@ -36,6 +36,7 @@ RANK: dict[str, float] = {name: row for row, names in enumerate(ROWS) for name i
 RANK["synthetic"] = RANK["rigging"] + 0.5
 HOST_LIBRARIES = {"cv2", "av", "trimesh", "pycolmap", "pygltflib"}
 HOST_PACKAGES = {
+    "detection",
     "calibration",
     "capture",
     "camera",

@@ -15,6 +15,7 @@ from ._calibrate import calibrate
 from ._cameras import cameras
 from ._check import check
 from ._demo import demo
+from ._detect import detect
 from ._doctor import doctor
 from ._evaluate import evaluate
 from ._export import export
@@ -39,6 +40,7 @@ _COMMANDS = {
     "demo": demo,
     "check": check,
     "sync": sync,
+    "detect": detect,
     "calibrate": calibrate,
     "cameras": cameras,
     "segment": segment,

@@ -11,4 +11,4 @@ from ._atomic import (
     write_json as write_json,
     write_text as write_text,
 )
-from ._folder import check_output as check_output, claim_output as claim_output
+from ._folder import check_output as check_output, claim_output as claim_output, free_name as free_name

@@ -75,3 +75,12 @@ def _publish(staging: Path, path: Path) -> None:
         os.replace(entry, target)
     for leftover in path.glob(f"{_STAGING}*"):
         shutil.rmtree(leftover, ignore_errors=True)
+
+
+def free_name(parent: Path, stem: str, suffix: str = "") -> Path:
+    """Choose a path that does not exist: `cameras`, or the first of `cameras-2`, `cameras-3`, ..."""
+    number, path = 1, parent / f"{stem}{suffix}"
+    while path.exists():
+        number += 1
+        path = parent / f"{stem}-{number}{suffix}"
+    return path

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxmocap._files import atomic_folder, atomic_path, write_json, write_text
+from jaxmocap._files import atomic_folder, atomic_path, free_name, write_json, write_text
 from jaxmocap._results import InputError
 from jaxmocap.camera import read_cameras
 from jaxmocap.capture import Capture, config_path, read_config, with_cameras_line, with_offsets
@@ -56,15 +56,6 @@ def refuse_named_cameras(path: str | Path, replace: bool) -> Path:
 def name_cameras(file: Path, name: str) -> None:
     """Set the line `cameras` in `capture.toml`."""
     write_text(file, with_cameras_line(_text(file), name, file))
-
-
-def free_name(parent: Path, stem: str, suffix: str = "") -> Path:
-    """Choose a path that does not exist: `cameras`, or the first of `cameras-2`, `cameras-3`, ..."""
-    number, path = 1, parent / f"{stem}{suffix}"
-    while path.exists():
-        number += 1
-        path = parent / f"{stem}-{number}{suffix}"
-    return path
 
 
 def adopt_cameras(path: str | Path, cameras: str | Path, *, replace: bool = False) -> Path:

@@ -8,7 +8,11 @@ from ._choose_frames import ChosenFrames as ChosenFrames, choose_frames as choos
 from ._config import Finding as Finding, config_path as config_path, read_config as read_config
 from ._content import content_hash as content_hash, folder_hash as folder_hash
 from ._detections import Detections as Detections
-from ._edit_config import with_cameras_line as with_cameras_line, with_offsets as with_offsets
+from ._edit_config import (
+    with_cameras_line as with_cameras_line,
+    with_keypoints_line as with_keypoints_line,
+    with_offsets as with_offsets,
+)
 from ._picture_steps import Undistortion as Undistortion, mask_file as mask_file, read_mask as read_mask
 from ._sync_plan import SyncPlan as SyncPlan, plan_new_capture as plan_new_capture, plan_sync as plan_sync
 from ._video import FrameReader as FrameReader, VideoIndex as VideoIndex, index_video as index_video

@@ -38,6 +38,15 @@ def with_cameras_line(text: str, cameras: str, file: Path) -> str:
     return document.text()
 
 
+def with_keypoints_line(text: str, keypoints: str, file: Path) -> str:
+    """Let `keypoints` name this folder in the text of `capture.toml`, whose files' layout is told by the number of
+    points. Raises `InputError` if the text is not TOML."""
+    document = _Document(text, file)
+    document.set(document.toml, "keypoints", keypoints)
+    document.toml.pop("keypoint_layout", None)
+    return document.text()
+
+
 class _Document:
     """A TOML document that is edited; a `frames` line that is not valid, which opening forgives, is kept as it is."""
 

@@ -1,4 +1,4 @@
-"""What a verb does with folders: synchronise, calibrate, register, track a capture; run folders, defaults, doctor."""
+"""What a verb does with folders: synchronise, detect, calibrate, register, track; run folders, defaults, doctor."""
 
 from ._calibrate import calibrate as calibrate
 from ._defaults import (
@@ -7,6 +7,7 @@ from ._defaults import (
     with_person_masks as with_person_masks,
     with_selected_frames as with_selected_frames,
 )
+from ._detect import DETECTION_REPORT as DETECTION_REPORT, FoundKeypoints as FoundKeypoints, detect as detect
 from ._doctor import EXTRAS as EXTRAS, Diagnosis as Diagnosis, doctor as doctor
 from ._register_and_learn import fit_capture_appearance as fit_capture_appearance
 from ._synchronise import sync as sync

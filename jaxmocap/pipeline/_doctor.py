@@ -26,6 +26,7 @@ EXTRAS = {
     "usd": ("usd-core", "export to .usd, .usda and .usdc"),
     "view": ("viser", "view"),
     "rerun": ("rerun-sdk", "view --rerun"),
+    "detect": ("ai-edge-litert", "detect"),
     "bodies": ("anny", "body --model anny"),
 }
 """Optional parts: the package each needs, and what it is for."""

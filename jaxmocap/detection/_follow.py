@@ -1,0 +1,148 @@
+"""Following one person through the pictures of a video."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, UInt8
+
+from ._outliers import without_outliers
+from ._person_model import PersonModel, Sighting
+from ._region import Region
+
+_PRESENT = 0.5  # below, nobody is there (MediaPipe's min_tracking_confidence)
+_REACH = 0.5  # sides of the region by which a person who was lost may be elsewhere, and as much per picture since
+_LONG = 15  # pictures after which a person who was lost may be anywhere
+
+
+@dataclass(frozen=True)
+class FollowedPerson:
+    """One person's keypoints in the pictures of a video.
+
+    frames: numbers of the pictures in the video.
+    points: x, y (pixels) and confidence in the order of the model's layout; 0 where nothing was found or believed.
+    scores: the confidences the model gave, also of points that are not believed.
+    sides: of the regions looked at, pixels; 0 where nobody was found.
+    notes: sentences on what was chosen and where nobody was found.
+    """
+
+    frames: Int64[np.ndarray, " frame"]
+    points: Float64[np.ndarray, "frame point 3"]
+    scores: Float64[np.ndarray, "frame point"]
+    sides: Float64[np.ndarray, " frame"]
+    notes: tuple[str, ...]
+
+    @property
+    def found(self) -> Bool[np.ndarray, " frame"]:
+        """In which pictures the person was found."""
+        return self.sides > 0
+
+    def joined(self, later: "FollowedPerson") -> "FollowedPerson":
+        """The pictures of both, in order; of those that both have, the later's."""
+        if not self.points.size or not later.points.size:
+            return later if later.points.size else self
+        kept = ~np.isin(self.frames, later.frames)
+        frames = np.concatenate([self.frames[kept], later.frames])
+        order = np.argsort(frames, kind="stable")
+        points, scores, sides = (
+            np.concatenate([getattr(self, name)[kept], getattr(later, name)])[order]
+            for name in ("points", "scores", "sides")
+        )
+        return FollowedPerson(frames[order], points, scores, sides, later.notes)
+
+
+def follow_person(
+    pictures: Iterable[UInt8[np.ndarray, "height width 3"]],
+    model: PersonModel,
+    *,
+    at: tuple[float, float] | None = None,
+    frames: Sequence[int] | None = None,
+) -> FollowedPerson:
+    """Find one person's keypoints in the RGB pictures of a video, in order of time.
+
+    The person is the one who holds the pixel `at` of the first picture in which people are found, or is nearest to it;
+    without, the largest, and `notes` say so where there are others. Points that jump away for a single picture, and
+    those outside the picture, get confidence 0. `frames` are the pictures' numbers in the video, by default from 0.
+    """
+    seen: list[Sighting | None] = []
+    notes: list[str] = []
+    height = width = 0
+    follower = _Follower(model, at, notes)
+    for picture in pictures:
+        height, width = picture.shape[:2]
+        seen.append(follower.next(picture))
+    numbers = np.arange(len(seen)) if frames is None else np.asarray(frames, np.int64)
+    present = [one for one in seen if one is not None]
+    if not present:
+        return FollowedPerson(
+            numbers, np.zeros((len(seen), 0, 3)), np.zeros((len(seen), 0)), np.zeros(len(seen)), tuple(notes)
+        )
+    nobody = np.zeros_like(present[0].points)
+    points = np.stack([nobody if one is None else one.points for one in seen])
+    sides = np.array([0.0 if one is None else one.region.side for one in seen])
+    return believed(FollowedPerson(numbers, points, points[..., 2], sides, tuple(notes)), (width, height))
+
+
+def believed(person: FollowedPerson, size: tuple[int, int]) -> FollowedPerson:
+    """The confidences that the model gave, 0 for points outside the picture of `size` (width, height) and for those
+    that jump away for a single picture."""
+    points = person.points.copy()
+    outside = ((points[..., :2] < 0) | (points[..., :2] > size)).any(-1)
+    points[..., 2] = np.where(outside, 0.0, person.scores)
+    points[..., 2] = without_outliers(points, person.sides, person.frames)
+    return replace(person, points=points)
+
+
+class _Follower:
+    """Whom to follow, and where that person was last."""
+
+    def __init__(self, model: PersonModel, at: tuple[float, float] | None, notes: list[str]):
+        self._model, self._at, self._notes = model, at, notes
+        self._last: Region | None = None
+        self._missed = 0
+
+    def next(self, picture: np.ndarray) -> Sighting | None:
+        """The person in the next picture."""
+        sighting = None
+        if self._last is not None and not self._missed:
+            sighting = self._look(picture, self._last)
+        if sighting is None:
+            sighting = next(self._candidates(picture), None)
+        self._missed = 0 if sighting is not None else self._missed + 1
+        self._last = self._last if sighting is None else sighting.region
+        return sighting
+
+    def _look(self, picture: np.ndarray, region: Region) -> Sighting | None:
+        sighting = self._model.look(picture, region)
+        return sighting if sighting.presence >= _PRESENT else None
+
+    def _candidates(self, picture: np.ndarray) -> Iterator[Sighting]:
+        """Who may be the person, likeliest first."""
+        people = self._model.find(picture)
+        last = self._last
+        if last is None:
+            yield from self._choice(picture, people)
+            return
+        reach = np.inf if self._missed >= _LONG else _REACH * last.side * (1 + self._missed)
+        for region in sorted(people, key=lambda one: _distance(one, *last.centre)):
+            if _distance(region, *last.centre) <= reach and (sighting := self._look(picture, region)):
+                yield sighting
+
+    def _choice(self, picture: np.ndarray, people: list[Region]) -> Iterator[Sighting]:
+        """Whom to begin with: everybody is looked at, so that nobody is counted who is not there."""
+        seen = [sighting for region in people if (sighting := self._look(picture, region))]
+        if self._at is not None:
+            x, y = self._at
+            seen.sort(key=lambda one: (not one.region.holds(x, y), _distance(one.region, x, y)))
+        else:
+            seen.sort(key=lambda one: -one.region.side)
+        if len(seen) > 1:
+            x, y = seen[0].region.centre
+            others = " ".join(f"({one.region.centre[0]:.0f}, {one.region.centre[1]:.0f})" for one in seen[1:])
+            how = "the largest" if self._at is None else "the one chosen"
+            self._notes.append(f"{len(seen)} people: {how}, at ({x:.0f}, {y:.0f}), is followed, not those at {others}")
+        yield from seen
+
+
+def _distance(region: Region, x: float, y: float) -> float:
+    return float(np.hypot(region.centre[0] - x, region.centre[1] - y))

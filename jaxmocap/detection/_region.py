@@ -1,0 +1,80 @@
+"""The turned square around a person that a keypoint network is shown, and the way between its pixels and the
+picture's."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float64, UInt8
+
+_ROOM = 1.25  # MediaPipe's RectTransformationCalculator of pose_detection_to_roi
+_FINEST = 4
+
+
+@dataclass(frozen=True)
+class Region:
+    """A square in a picture.
+
+    centre: x, y in pixels; the centre of the first pixel is (0.5, 0.5).
+    side: pixels.
+    angle: radians by which the person is turned from upright, clockwise as seen.
+    """
+
+    centre: tuple[float, float]
+    side: float
+    angle: float = 0.0
+
+    @staticmethod
+    def around(hips: Float64[np.ndarray, "2"], rim: Float64[np.ndarray, "2"]) -> "Region":
+        """The region of a person whose whole body lies in the circle about the middle of the hips through `rim`, the
+        point towards the head (Bazarevsky et al. 2020, Sec. 2.1)."""
+        across, down = rim - hips
+        return Region(
+            (float(hips[0]), float(hips[1])),
+            max(2 * _ROOM * float(np.hypot(across, down)), 1.0),
+            float(np.arctan2(across, -down)),
+        )
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a point of the picture lies in the square."""
+        return bool(np.abs(self._axes().T @ (np.array([x, y]) - self.centre)).max() <= self.side / 2)
+
+    def to_picture(self, points: Float64[np.ndarray, "point 2"]) -> Float64[np.ndarray, "point 2"]:
+        """Points given as shares (0 to 1) of the square's sides, in pixels of the picture."""
+        return (points - 0.5) * self.side @ self._axes().T + self.centre
+
+    def cut(self, picture: UInt8[np.ndarray, "height width 3"], size: int) -> UInt8[np.ndarray, "size size 3"]:
+        """What the square shows, upright, `size` pixels wide; black outside the picture."""
+        finer = int(np.clip(np.ceil(self.side / size - 0.25), 1, _FINEST))  # so that no pixel is passed over
+        count = size * finer
+        step = self._axes() * self.side / count
+        start = self.to_picture(np.zeros((1, 2)))[0] + step @ [0.5, 0.5] - 0.5
+        matrix = np.column_stack([step, start])
+        found = cv2.warpAffine(picture, matrix, (count, count), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        return found if finer == 1 else cv2.resize(found, (size, size), interpolation=cv2.INTER_AREA)
+
+    def _axes(self) -> Float64[np.ndarray, "2 2"]:
+        """The square's own x and y in the picture, as columns."""
+        sine, cosine = np.sin(self.angle), np.cos(self.angle)
+        return np.array([[cosine, -sine], [sine, cosine]])
+
+
+def whole(picture: UInt8[np.ndarray, "height width 3"]) -> Region:
+    """The upright square around a whole picture."""
+    height, width = picture.shape[:2]
+    return Region((width / 2, height / 2), float(max(height, width)))
+
+
+def brightened(picture: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "height width 3"]:
+    """A dark picture made brighter by a power law, a bright one as it is; black borders do not count."""
+    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    seen = grey[grey > 0]
+    mean = float(seen.mean()) if seen.size else 255.0
+    if mean >= _DARK:
+        return picture
+    power = np.log(_BRIGHT / 255) / np.log(max(mean, 1.0) / 255)
+    levels = np.rint(255 * (np.arange(256) / 255) ** power).astype(np.uint8)
+    return cv2.LUT(picture, levels[None])
+
+
+_DARK, _BRIGHT = 70.0, 105.0

@@ -1,0 +1,322 @@
+"""Finding the person's keypoints in the videos of a capture, which is completed in place."""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxmocap._files import free_name, write_json, write_text
+from jaxmocap._results import InputError
+from jaxmocap.capture import Capture, FrameReader, config_path, with_keypoints_line
+from jaxmocap.detection import (
+    FollowedPerson,
+    ModelName,
+    PersonModel,
+    believed,
+    follow_person,
+    get_weights,
+    open_model,
+    read_person,
+    require_runner,
+    write_person,
+)
+
+from ._view_agreement import agreeing
+
+DETECTION_REPORT = "detection.json"
+"""Beside `capture.toml`: which model found whom, where."""
+
+Say = Callable[[str], None]
+Report = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class FoundKeypoints:
+    """What `detect` found.
+
+    people: by camera.
+    record: as `detection.json` holds it.
+    folder: of the keypoint files; None where nothing was written.
+    """
+
+    people: dict[str, FollowedPerson]
+    record: dict[str, Any]
+    folder: Path | None = None
+
+
+def detect(
+    capture: Capture | str | Path,
+    *,
+    frames: tuple[int, int] | None = None,
+    cameras: Sequence[str] | None = None,
+    model: ModelName | None = None,
+    weights: str | Path | None = None,
+    person: Mapping[str, tuple[float, float]] | None = None,
+    replace: bool = False,
+    say: Say = lambda sentence: None,
+    progress: Report = lambda stage, done, total: None,
+) -> FoundKeypoints:
+    """Find the keypoints of one person in every video of a capture.
+
+    `capture` is an open `Capture`, and nothing is written; or a capture folder or its `capture.toml`, in which
+    `keypoints` then names a folder with one file per camera. What is there of the same model, video and person is not
+    looked for again, so that a run that was cut off goes on, and other frames are added to it. Where `capture.toml`
+    names keypoints of other making, `replace` names the new ones instead, which leaves those on disk; it also begins
+    anew. `frames` (A, B) are A to B - 1 of the frames that the cameras share, `cameras` names some of them.
+
+    `model` is "heavy" or "full", by default the better of those that can be had; `weights` a folder, package or bundle
+    with its networks, for a machine without a network. The person followed in each video is the largest, or the one at
+    the pixel `person[camera]` of the first picture. A point that jumps away for a single picture gets confidence 0;
+    and, where the capture has cameras, one that no other view agrees with. `say` takes sentences on what was chosen.
+
+    Raises `InputError` where weights or runner cannot be had, where a camera is not one of the capture's, and where
+    nobody is found in a video; what other videos showed is kept.
+    """
+    opened = capture if isinstance(capture, Capture) else Capture.open(config_path(capture), with_cameras=False)
+    chosen = _cameras(opened, cameras)
+    at = _points(opened, person or {}, chosen)
+    span = _span(opened, frames)
+    require_runner()
+    models = _Models(model, weights, say)
+    if isinstance(capture, Capture):
+        people = {name: _follow(opened, name, span, models, at.get(name), say, progress) for name in chosen}
+        return FoundKeypoints(_agreed(opened, people, say), {"model": models.record()})
+    store = _Store.open(config_path(capture), replace)
+    for name in chosen:
+        inputs = {
+            "video": _hash(opened.videos[opened.camera_names.index(name)]),
+            "person": list(at[name]) if name in at else None,
+        }
+        if store.has(name, inputs, model, _own_frames(opened, name, span)):
+            continue
+        found = _follow(opened, name, span, models, at.get(name), say, progress)
+        store.add(name, inputs, models.record(), found)
+    everybody = {
+        name: believed(person, opened.recorded_sizes[opened.camera_names.index(name)])
+        for name, person in store.people(opened.camera_names).items()
+    }
+    people = _agreed(_with_cameras(capture, opened, say), everybody, say)
+    store.finish(people)
+    return FoundKeypoints({name: people[name] for name in chosen}, store.record, store.folder)
+
+
+def _cameras(capture: Capture, names: Sequence[str] | None) -> tuple[str, ...]:
+    for name in names or ():
+        _known(capture, name, "cameras")
+    return capture.camera_names if not names else tuple(one for one in capture.camera_names if one in names)
+
+
+def _known(capture: Capture, name: str, option: str) -> None:
+    if name not in capture.camera_names:
+        raise InputError(
+            f"{option} names {name!r}, which is no camera of capture '{capture.name}'; it has "
+            f"{', '.join(capture.camera_names)}"
+        )
+
+
+def _points(
+    capture: Capture, person: Mapping[str, tuple[float, float]], chosen: Sequence[str]
+) -> dict[str, tuple[float, float]]:
+    """Where the person is in each camera, inside its pictures."""
+    for name, (x, y) in person.items():
+        _known(capture, name, "person")
+        width, height = capture.recorded_sizes[capture.camera_names.index(name)]
+        if not (0 <= x < width and 0 <= y < height):
+            raise InputError(
+                f"person is at ({x:g}, {y:g}) of {name}, outside its pictures of {width} x {height} pixels; give a "
+                "pixel on the person in the first picture"
+            )
+    return {name: (float(x), float(y)) for name, (x, y) in person.items() if name in chosen}
+
+
+def _span(capture: Capture, frames: tuple[int, int] | None) -> slice:
+    start, stop = frames or (0, capture.num_frames)
+    if not 0 <= start < stop <= capture.num_frames:
+        raise InputError(f"frames {start}:{stop} are not within the {capture.num_frames} frames of '{capture.name}'")
+    return slice(start, stop)
+
+
+def _own_frames(capture: Capture, name: str, span: slice) -> np.ndarray:
+    """Numbers of the frames in the camera's own video."""
+    return np.unique(capture.video_frames[capture.camera_names.index(name), span])
+
+
+class _Models:
+    """The model, opened when it is first needed."""
+
+    def __init__(self, name: ModelName | None, weights: str | Path | None, say: Say):
+        self._arguments = name, weights, say
+        self._opened: tuple[PersonModel, dict[str, Any]] | None = None
+
+    def get(self) -> PersonModel:
+        return self._open()[0]
+
+    def record(self) -> dict[str, Any]:
+        return self._open()[1]
+
+    def _open(self) -> tuple[PersonModel, dict[str, Any]]:
+        if self._opened is None:
+            weights, say = get_weights(*self._arguments), self._arguments[2]
+            if weights.card.weak:
+                say(weights.card.weak)
+            record = {"name": weights.name, "title": weights.card.title, "licence": weights.card.licence}
+            self._opened = open_model(weights), {**record, "sha256": weights.hashes}
+        return self._opened
+
+
+def _follow(
+    capture: Capture,
+    name: str,
+    span: slice,
+    models: _Models,
+    at: tuple[float, float] | None,
+    say: Say,
+    progress: Report,
+) -> FollowedPerson:
+    own = _own_frames(capture, name, span)
+    index = capture.indices[capture.camera_names.index(name)]
+    model = models.get()
+
+    def pictures() -> Iterator[np.ndarray]:
+        reader = FrameReader(index)
+        try:
+            for done, frame in enumerate(own):
+                progress(f"detect {name}", done, len(own))
+                yield reader.read(int(frame))
+        finally:
+            reader.close()
+        progress(f"detect {name}", len(own), len(own))
+
+    found = follow_person(pictures(), model, at=at, frames=own.tolist())
+    for note in found.notes:
+        say(f"{name}: {note}.")
+    if not found.found.any():
+        raise InputError(
+            f"nobody was found in the {len(own)} pictures of camera {name} ({index.path.name}); choose --frames in "
+            "which the person is whole and not too small, or leave the camera out with --cameras"
+        )
+    missing = own[~found.found]
+    if len(missing):
+        say(f"{name}: the person was not found in {len(missing)} of {len(own)} pictures, first in {missing[0]}.")
+    return found
+
+
+def _with_cameras(path: str | Path, opened: Capture, say: Say) -> Capture:
+    """The capture with cameras, where it has any that can be read."""
+    try:
+        return Capture.open(config_path(path)).as_recorded()
+    except InputError as error:
+        say(f"The views were not held against each other: {error}.")
+        return opened
+
+
+def _agreed(capture: Capture, people: dict[str, FollowedPerson], say: Say) -> dict[str, FollowedPerson]:
+    """People with what no other view agrees with taken out, where the capture has cameras."""
+    if capture.cameras_path is None or len(people) < 2:
+        return people
+    agreed, share = agreeing(capture.as_recorded(), people)
+    if agreed is people and share > 0:
+        say(
+            f"{share:.0%} of the points do not lie where another view sees them, so that cameras or offsets are rather "
+            "wrong than the points; no point was taken out for it."
+        )
+    for name, person in agreed.items():
+        count = int((people[name].points[..., 2] > 0).sum() - (person.points[..., 2] > 0).sum())
+        if count:
+            say(f"{name}: {count} points agree with no other view, and got confidence 0.")
+    return agreed
+
+
+def _hash(video: Path) -> str:
+    with video.open("rb") as file:
+        return hashlib.file_digest(file, "blake2b").hexdigest()[:32]
+
+
+@dataclass
+class _Store:
+    """The keypoint files in a capture, and the record beside them, written after each camera."""
+
+    file: Path
+    folder: Path
+    anew: bool
+    record: dict[str, Any] = field(default_factory=dict)
+
+    @staticmethod
+    def open(file: Path, replace: bool) -> "_Store":
+        """Raises `InputError` if `capture.toml` names other keypoints, unless `replace`, or cannot be written."""
+        record = _read_record(file.parent / DETECTION_REPORT)
+        named = Capture.open(file, with_cameras=False).keypoints_folder
+        ours = file.parent / record["folder"] if record else None
+        if named is not None and named != ours and not replace:
+            raise InputError(
+                f"{file} names keypoints already ('{named.relative_to(file.parent)}'); remove the line, or use "
+                "--replace, which leaves the old ones where they are"
+            )
+        if not os.access(file.parent, os.W_OK):
+            raise InputError(f"{file.parent} cannot be written to; copy the capture to a place of your own")
+        folder = free_name(file.parent, "keypoints") if ours is None else ours
+        return _Store(file, folder, replace, record or {"folder": folder.name, "cameras": {}})
+
+    def has(self, name: str, inputs: dict[str, Any], model: ModelName | None, frames: np.ndarray) -> bool:
+        """Whether the person has been looked for in all these frames."""
+        if (known := self._known(name, inputs)) is None or model not in (None, known["model"]["name"]):
+            return False
+        return set(frames) <= set(read_person(self._path(name)).frames)
+
+    def add(self, name: str, inputs: dict[str, Any], model: dict[str, Any], found: FollowedPerson) -> None:
+        """Write what was found; frames that were looked at before in the same way stay."""
+        known = self._known(name, inputs)
+        if known is not None and known["model"] == model:
+            found = read_person(self._path(name)).joined(found)
+        self.folder.mkdir(exist_ok=True)
+        write_person(self._path(name), found)
+        self.record["cameras"][name] = {**inputs, "model": model, "notes": list(found.notes)}
+        self._write_record()
+
+    def _known(self, name: str, inputs: dict[str, Any]) -> dict[str, Any] | None:
+        """What the record says of a camera, if it was looked for the same person in the same video."""
+        known = self.record["cameras"].get(name)
+        same = known is not None and all(known.get(key) == value for key, value in inputs.items())
+        return known if same and not self.anew and self._path(name).is_file() else None
+
+    def people(self, names: Sequence[str]) -> dict[str, FollowedPerson]:
+        """Everybody who has a file."""
+        kept = [name for name in names if name in self.record["cameras"] and self._path(name).is_file()]
+        return {name: read_person(self._path(name)) for name in kept}
+
+    def finish(self, people: dict[str, FollowedPerson]) -> None:
+        """Write the confidences that are believed in the end, and name the folder in `capture.toml`."""
+        for name, person in people.items():
+            write_person(self._path(name), person)
+            believed = person.points[..., 2] > 0
+            self.record["cameras"][name] |= {
+                "frames": len(person.frames),
+                "found": int(person.found.sum()),
+                "points_not_believed": int((~believed[person.found]).sum()),
+            }
+        self._write_record()
+        file = self.file.resolve()  # a link stays a link
+        text = file.read_bytes().decode("utf-8")
+        edited = with_keypoints_line(text, self.folder.name, file)
+        if edited != text:
+            write_text(file, edited)
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.json"
+
+    def _write_record(self) -> None:
+        write_json(self.file.parent / DETECTION_REPORT, self.record)
+
+
+def _read_record(file: Path) -> dict[str, Any]:
+    """The record of an earlier run; empty without one that can be read."""
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+        return record if isinstance(record["folder"], str) and isinstance(record["cameras"], dict) else {}
+    except (OSError, ValueError, TypeError, KeyError):
+        return {}

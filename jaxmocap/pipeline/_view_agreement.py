@@ -1,0 +1,110 @@
+"""Points of one view held against the other views: a point has to lie near the epipolar line of what they see."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import Capture, Undistortion
+from jaxmocap.detection import FollowedPerson
+
+_SHARE = 0.05  # of the region's side; what a point may lie beside its epipolar line in any case
+_USUAL = 5.0  # times what is usual between two views
+_MOST = 0.25  # share of disagreeing points from which cameras or time are to blame, not the detector
+
+
+def agreeing(capture: Capture, people: dict[str, FollowedPerson]) -> tuple[dict[str, FollowedPerson], float]:
+    """Give confidence 0 to every point that other views see and none agrees with; with two views that is in both.
+
+    A view agrees that sees the point within 5 % of the region's side of its epipolar line, or within five times the
+    median distance between the two. Returns the people and the share of points that had none to agree with them; from a
+    quarter on nothing is changed, for then cameras or offsets are wrong. `capture` must be as recorded, with cameras.
+    """
+    cameras = capture.cameras
+    names = [name for name in capture.camera_names if name in people]
+    views = np.array([capture.camera_names.index(name) for name in names])
+    rows = np.full((len(names), capture.num_frames), -1)
+    for view, (name, index) in enumerate(zip(names, views, strict=True)):
+        where = {frame: row for row, frame in enumerate(people[name].frames.tolist())}
+        rows[view] = [where.get(int(frame), -1) for frame in capture.video_frames[index]]
+    count = max(people[name].points.shape[1] for name in names)
+    points, sides = np.zeros((*rows.shape, count, 3)), np.zeros(rows.shape)
+    for view, name in enumerate(names):
+        known = rows[view] >= 0
+        points[view, known] = people[name].points[rows[view, known]]
+        sides[view, known] = people[name].sides[rows[view, known]]
+    heard, agreed = _agreement(_undistorted(points, cameras, views), sides, cameras, views)
+    alone = heard & ~agreed
+    share = float(alone.sum() / max(heard.sum(), 1))
+    if share >= _MOST or not alone.any():
+        return people, share
+    result = dict(people)
+    for view, name in enumerate(names):
+        changed = people[name].points.copy()
+        known = rows[view] >= 0
+        changed[rows[view, known], :, 2] *= ~alone[view, known]
+        result[name] = replace(people[name], points=changed)
+    return result, share
+
+
+def _undistorted(points: np.ndarray, cameras: Cameras, views: np.ndarray) -> np.ndarray:
+    intrinsics, distortion = np.asarray(cameras.intrinsics, float), np.asarray(cameras.distortion, float)
+    result = points.copy()
+    for row, view in enumerate(views):
+        if distortion[view].any():
+            found = result[row, ..., 2] > 0
+            lens = Undistortion(intrinsics[view], distortion[view], cameras.sizes[view])
+            result[row, found, :2] = lens.points(result[row, found, :2])
+    return result
+
+
+def _agreement(
+    points: Float64[np.ndarray, "view frame point 3"],
+    sides: Float64[np.ndarray, "view frame"],
+    cameras: Cameras,
+    views: np.ndarray,
+) -> tuple[Bool[np.ndarray, "view frame point"], Bool[np.ndarray, "view frame point"]]:
+    """Whether any other view sees a point too, and whether one of those agrees."""
+    heard, agreed = np.zeros(points.shape[:3], bool), np.zeros(points.shape[:3], bool)
+    for first, second in combinations(range(len(points)), 2):
+        both = (points[first, ..., 2] > 0) & (points[second, ..., 2] > 0)
+        if not both.any():
+            continue
+        matrices = _fundamental(cameras, views[first], views[second])
+        there = _beside_line(points[first], points[second], matrices) / np.maximum(sides[second], 1)[:, None]
+        back = matrices.transpose(0, 2, 1)
+        here = _beside_line(points[second], points[first], back) / np.maximum(sides[first], 1)[:, None]
+        distance = np.maximum(here, there)
+        near = both & (distance <= max(_SHARE, _USUAL * float(np.median(distance[both]))))
+        for view in (first, second):
+            heard[view] |= both
+            agreed[view] |= near
+    return heard, agreed
+
+
+def _fundamental(cameras: Cameras, first: int, second: int) -> Float64[np.ndarray, "frame 3 3"]:
+    """F of every frame, such that x2^T F x1 = 0 (Hartley and Zisserman 2003, Eq. 9.2)."""
+    intrinsics, poses = np.asarray(cameras.intrinsics, float), np.asarray(cameras.cam_from_world, float)
+    relative = poses[second] @ np.linalg.inv(poses[first])
+    x, y, z = relative[:, :3, 3].T
+    nought = np.zeros_like(x)
+    cross = np.stack([nought, -z, y, z, nought, -x, -y, x, nought], axis=-1).reshape(-1, 3, 3)
+    inverse = np.linalg.inv(intrinsics)
+    return inverse[second].T @ cross @ relative[:, :3, :3] @ inverse[first]
+
+
+def _beside_line(
+    points: Float64[np.ndarray, "frame point 3"],
+    others: Float64[np.ndarray, "frame point 3"],
+    matrices: Float64[np.ndarray, "frame 3 3"],
+) -> Float64[np.ndarray, "frame point"]:
+    """How far `others` lie from the epipolar lines of `points`, pixels."""
+    lines = _homogeneous(points) @ matrices.transpose(0, 2, 1)
+    off = np.abs((lines * _homogeneous(others)).sum(-1))
+    return off / np.maximum(np.linalg.norm(lines[..., :2], axis=-1), 1e-12)
+
+
+def _homogeneous(points: np.ndarray) -> np.ndarray:
+    return np.concatenate([points[..., :2], np.ones_like(points[..., :1])], axis=-1)
