@@ -14,6 +14,7 @@ from jaxmocap.pipeline import FoundKeypoints as FoundKeypoints, detect as detect
 from .camera import Cameras as Cameras, read_cameras as read_cameras, write_cameras as write_cameras
 from .calibration import Calibration as Calibration, adopt_cameras as adopt_cameras
 from jaxmocap.pipeline import calibrate as calibrate
+from .annotation import AnnotationPage as AnnotationPage, annotate as annotate
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .rigging import RiggedMesh as RiggedMesh, body as body, open_actor as open_actor, rig as rig
 from .appearance import Appearance as Appearance

@@ -13,7 +13,7 @@ ROWS = (
     ("__main__", "_cli", "__init__", "_public"),
     ("experiments",),
     ("pipeline",),
-    ("baselines", "datasets"),
+    ("baselines", "datasets", "annotation"),
     ("viewers",),
     ("exporters", "importers", "metrics"),
     ("calibration", "track"),

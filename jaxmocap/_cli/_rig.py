@@ -71,8 +71,8 @@ def rig(
         Path | None,
         tyro.conf.arg(
             metavar="DIR",
-            help="What a detector found in these pictures (OpenPose BODY_25, front_keypoints.json beside front.png): "
-            "tells up, front, and about where joints are.",
+            help="What a detector found in these pictures (files as a capture's may be, front_keypoints.json beside "
+            "front.png): tells up, front, and about where joints are.",
             help_behavior_hint="",
         ),
     ] = None,
@@ -141,8 +141,8 @@ def _draw(mesh: Path, folder: Path, up: Axis | None, front: Axis | None, json_wa
     names = rig_pictures(mesh, folder, up=up, front=front).names
     drawn = [f"{name}.png" for name in names]
     text = (
-        f"{folder}: {', '.join(drawn)}. If the person stands upright there, run a detector of OpenPose's BODY_25 "
-        f"points, put what it finds beside them ({names[0]}_keypoints.json and so on) and rig with --keypoints "
+        f"{folder}: {', '.join(drawn)}. If the person stands upright there, run a detector of "
+        f"people, put what it finds beside them ({names[0]}_keypoints.json and so on) and rig with --keypoints "
         f"{folder}; else say --up and --front."
     )
     show({"pictures": folder, "files": drawn}, lambda: text, json_wanted=json_wanted)

@@ -9,6 +9,7 @@ import tyro
 from jaxmocap._results import InputError
 from jaxmocap._runtime import configure
 
+from ._annotate import annotate
 from ._bench import bench
 from ._body import body
 from ._calibrate import calibrate
@@ -43,6 +44,7 @@ _COMMANDS = {
     "detect": detect,
     "calibrate": calibrate,
     "cameras": cameras,
+    "annotate": annotate,
     "segment": segment,
     "rig": rig,
     "body": body,

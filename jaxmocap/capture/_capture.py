@@ -245,6 +245,10 @@ class Capture:
         """The same capture with these selected frames (positions)."""
         return self._with(selected_frames=tuple(sorted(set(frames))))
 
+    def with_keypoints_folder(self, folder: Path) -> "Capture":
+        """The same capture with keypoints from this folder."""
+        return self._with(keypoints_folder=folder)
+
     def as_recorded(self) -> "Capture":
         """The same capture with pictures, masks, keypoints and cameras of the videos' own sizes."""
         return replace(self, longest_side=None, found_masks={})

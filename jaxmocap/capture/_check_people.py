@@ -52,7 +52,8 @@ def check_keypoints(capture: Capture) -> Iterator[Finding]:
         source = capture.video_keypoints(index)
         assert source is not None
         files, video = source.frame_files(), source.video_file()
-        used |= {*files.values(), *(file.parent for file in files.values()), *([] if video is None else [video])}
+        read = [*files.values(), *([] if video is None else [video])]
+        used |= {*read, *(file.parent for file in read)}
         yield from _check_files(capture, index, source, files, video)
     more = ", or one that a detector gives, and one file for a frame"
     for path in sorted(folder.iterdir()):

@@ -81,6 +81,13 @@ class Undistortion:
         ideal = cv2.undistortPoints(raw, self._matrix, self._distortion, R=np.eye(3), P=self._matrix, criteria=criteria)
         return ideal.reshape(-1, 2) + 0.5
 
+    def recorded_points(self, points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
+        """The inverse of `points`: pixels of the undistorted image -> pixels of the recorded video."""
+        ideal = np.column_stack([np.asarray(points, float) - 0.5, np.ones(len(points))])
+        plane = ideal @ np.linalg.inv(self._matrix).T
+        recorded, _ = cv2.projectPoints(plane, np.zeros(3), np.zeros(3), self._matrix, self._distortion)
+        return recorded.reshape(-1, 2) + 0.5
+
 
 def mask_file(folder: Path, camera: str, frame: int) -> Path:
     return folder / f"{camera}_{frame:05d}.png"

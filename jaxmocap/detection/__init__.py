@@ -18,3 +18,4 @@ from ._read import best_person as best_person, read_people as read_people, read_
 from ._region import Region as Region
 from ._runner import require_runner as require_runner
 from ._weights import Weights as Weights, get_weights as get_weights
+from ._write import write_body_25 as write_body_25

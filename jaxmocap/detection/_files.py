@@ -50,8 +50,10 @@ class VideoKeypoints:
         return {frame: file for frame in sorted(frames) if (file := self.frame_file(frame)) is not None}
 
     def video_file(self) -> Path | None:
-        """The file of the whole video, `<camera>.json` or `<video>.json`."""
-        files = (self.folder / f"{name}.json" for name in self.names)
+        """The file of the whole video: `<camera>.json` or `<video>.json`, `results_<video>.json` as MMPose's demos call
+        it, or AlphaPose's `alphapose-results.json` in a folder `<video>`."""
+        forms = ("{}.json", "results_{}.json", "{}/alphapose-results.json")
+        files = (self.folder / form.format(name) for form in forms for name in self.names)
         return next((file for file in files if file.is_file()), None)
 
     def has(self, frame: int) -> bool:

@@ -75,6 +75,7 @@ def _kept(file: Path, changed: int, layout: LayoutName | None, size: Size | None
 def _read(file: Path, layout: LayoutName | None, size: Size | None) -> dict[int | None, People]:
     """People by frame; None is the only picture of the file."""
     document = _json(file)
+    layout = _own_layout(file, document) or layout
     result: dict[int | None, People] = {}
     try:
         for frame, numbers in _persons(document, size):
@@ -95,6 +96,14 @@ def _read(file: Path, layout: LayoutName | None, size: Size | None) -> dict[int 
     except (ValueError, OverflowError):
         raise InputError(f"keypoints {file} holds something other than numbers") from None
     return result
+
+
+def _own_layout(file: Path, document: Any) -> LayoutName | None:
+    """What the file itself names, as `write_body_25` does; it counts before what `capture.toml` says of all files."""
+    named = document.get("keypoint_layout") if isinstance(document, dict) else None
+    if named is not None and (not isinstance(named, str) or named not in LAYOUTS):
+        raise InputError(f"keypoints {file}: keypoint_layout is {named!r}; expected one of {', '.join(LAYOUTS)}")
+    return named
 
 
 def _json(file: Path) -> Any:

@@ -39,7 +39,7 @@ class Hints(NamedTuple):
 
 
 def read_hints(path: str | Path, vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Hints:
-    """Read hints from OpenPose BODY_25 files beside the cameras of the pictures of a repaired mesh.
+    """Read hints from keypoint files, of any layout, beside the cameras of the pictures of a repaired mesh.
 
     `path` is the folder, whose files are named after the pictures (`front_keypoints.json`), or one such file. Raises
     `InputError` for what is missing or damaged, and for keypoints of other pictures than those of this mesh.
@@ -47,7 +47,7 @@ def read_hints(path: str | Path, vertices: Float[np.ndarray, "vertex 3"], faces:
     files, folder = _files(Path(path))
     scale = metres_per_unit_of(vertices)
     cameras = _cameras(folder / CAMERAS_FILE, tuple(files), scale)
-    people = [_person(file) for file in files.values()]
+    people = [_person(file, size) for file, size in zip(files.values(), cameras.sizes, strict=True)]
     if all(points is None for points in people):
         raise InputError(f"{path}: the detector found nobody in {_listed(files)}; give single joints with --joint.")
     points = np.stack([np.zeros((25, 3)) if found is None else found for found in people])
@@ -107,9 +107,9 @@ def _cameras(path: Path, names: tuple[str, ...], scale: float) -> Cameras:
         raise InputError(f"{str(error).rstrip('.')}: use {path} as --pictures wrote it for this mesh.") from None
 
 
-def _person(file: Path) -> np.ndarray | None:
+def _person(file: Path, size: tuple[int, int]) -> np.ndarray | None:
     try:
-        return best_person(read_people(file))
+        return best_person(read_people(file, size=size))
     except InputError as error:
         raise InputError(f"{str(error).rstrip('.')}.") from None
 

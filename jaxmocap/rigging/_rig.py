@@ -64,7 +64,7 @@ def rig(
     mirrored files will do. Help, where it goes wrong: `height` in metres; `units` (m, cm, mm, in, ft, dm); `up` and
     `front`, axes of the file such as "z" or "-y"; `joints`, places in the file's units and axes of any of `pelvis`,
     `neck` and, per side, `l_`/`r_` `shoulder elbow wrist hip knee ankle`; `keypoints`, a folder of pictures that
-    `rig_pictures` drew of the same mesh, with what a detector found in them (OpenPose BODY_25, such as
+    `rig_pictures` drew of the same mesh, with what a detector found in them (files as a capture's may be, such as
     `front_keypoints.json`), or one such file. Keypoints tell up and front too, and draw joints near without fixing
     them: a detector is some centimetres off.
 

@@ -41,7 +41,7 @@ def rig_pictures(
 ) -> Cameras:
     """Draw a mesh from the front and from 45 degrees to both sides into a new folder, with `cameras.toml` beside.
 
-    Run a detector of OpenPose's BODY_25 points on the pictures and write its JSON files beside them
+    Run a detector of people on the pictures and write its JSON files, of any layout, beside them
     (`front_keypoints.json`); `rig(mesh, keypoints=folder)` then uses them. `mesh` is as in `rig`, `up` and `front` are
     axes of the file such as "z" or "-y" where the pictures do not show the person upright and from the front. The
     cameras returned are in the mesh's own units and axes. Raises `InputError` for what is no mesh, and for a folder

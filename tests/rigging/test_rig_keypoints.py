@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from jaxmocap import Character, InputError, read_cameras, rig, rig_pictures
 from jaxmocap._cli import run
 from jaxmocap.detection import read_people
+from jaxmocap.rigging._keypoints import _person
 from jaxmocap.rigging._seen_joints import cross
 
 MEAN, WORST = 2.5, 5.0  # centimetres
@@ -54,6 +55,12 @@ def test_pictures_show_the_mesh_where_its_cameras_see_it(one_arm_up, seen):
         (points,) = read_people(seen / f"{name}_keypoints.json")
         columns, rows = np.floor(points[points[:, 2] > 0, :2]).astype(int).T
         assert person[rows, columns].mean() > 0.9
+
+
+def test_mediapipe_s_shares_are_of_the_picture(tmp_path):
+    shares = [{"x": 0.25, "y": 0.5, "visibility": 0.9}] * 33
+    (tmp_path / "front_keypoints.json").write_text(json.dumps({"pose_landmarks": [shares]}))
+    np.testing.assert_allclose(_person(tmp_path / "front_keypoints.json", (400, 900))[4], [100, 450, 0.9])
 
 
 @pytest.mark.slow
