@@ -5,10 +5,11 @@ import queue
 import threading
 import webbrowser
 
+import cv2
 import numpy as np
 import pytest
 from annotation_client import Client
-from small_captures import MATRIX, PERSON, POSES, write_keypoints
+from small_captures import MATRIX, PERSON, POSES, make_video, write_keypoints
 
 from jaxmocap import InputError
 from jaxmocap._cli import run
@@ -147,12 +148,19 @@ def test_of_several_people_another_one_is_taken(capture, serve):
     assert client.post("person", {"camera": 0, "frame": 0, "person": 2})[0] == 400
 
 
-def test_pictures_are_made_smaller_but_points_are_the_video_s(capture, serve):
-    opened = Capture.open(capture, longest_side=64)
+def test_points_are_the_video_s_however_small_pictures_are_made(bare, serve):
+    for name in POSES:
+        (bare / f"{name}.mp4").unlink()
+        make_video(bare / f"{name}.mp4", size=(128, 96))
+    opened = Capture.open(bare, longest_side=64)
     _, client = serve(opened, frames=[2], cameras=["cam1"])
     state = client.get("state")
     assert (state["frames"], [view["shown"] for view in state["views"]]) == ([2], [False, True])
-    assert state["views"][0]["size"] == [64, 48]
+    assert state["views"][0]["size"] == [128, 96]
+    picture = client.ask("GET", f"{client.path}picture?camera=1&frame=2")[1]
+    assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape == (96, 128, 3)
+    client.set(1, 2, WRIST, [120, 90])
+    np.testing.assert_allclose(Capture.open(bare, longest_side=64).keypoints(1, 2)[WRIST], [60, 45, 1])
 
 
 # Who is refused, and what ----------------------------------------------------------------------------------------

@@ -48,7 +48,7 @@ def opened(browser, request):
 
 
 def until(page, condition: str) -> None:
-    for _ in range(200):
+    for _ in range(500):
         if page.evaluate(condition):
             return
         page.wait_for_timeout(20)

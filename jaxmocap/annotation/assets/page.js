@@ -86,6 +86,7 @@ function refresh() {
     mark.button.setAttribute("aria-pressed", String(index === current));
     mark.button.setAttribute("aria-label", `${byIndex[index].title}, ${isSet(active, index) ? "set" : "not set"}`);
     mark.dot.classList.toggle("here", index === current);
+    mark.dot.setAttribute("r", index === current ? 6 : 3);
   }
   for (const view of views) {
     const count = asked().filter((index) => isSet(view.index, index)).length;
