@@ -35,65 +35,60 @@ _MIRRORED = [
 
 @dataclass(frozen=True)
 class BlazePose:
-    """The two networks and how often they are asked.
+    """The two networks.
 
     person, landmarks: the networks.
-    passes: so often the region is moved to what was just seen in it, and looked at again.
-    mirrored: whether the last look is taken of the mirrored square too, and the mean of both used.
+    mirrored: whether the mirror image of the square is looked at too. It takes twice the time, brings the points 3 % to
+        5 % nearer (measured on three captures) and tells when a network doubts itself. Moving the square to what was
+        seen in it and looking again brings no more than 3 %.
     """
 
     person: Network
     landmarks: Network
-    passes: int = 2
     mirrored: bool = True
 
-    def find(self, picture: UInt8[np.ndarray, "height width 3"]) -> list[Region]:
-        """Everybody in an RGB picture, the most certain first; where nobody is found, quarters are searched, in which
-        people look larger."""
+    def find(self, picture: UInt8[np.ndarray, "height width 3"], thorough: bool = True) -> list[Region]:
+        """Everybody in an RGB picture, the most certain first; where nobody is found and `thorough`, quarters are
+        searched, in which people look larger."""
         picture = brightened(picture)
         everywhere = whole(picture)
-        found = self._found(picture, everywhere)
-        if not found:
-            centre, half = np.array(everywhere.centre), everywhere.side / 2
-            places = [centre + half / 2 * np.array([x, y]) for y in (-1, 0, 1) for x in (-1, 0, 1)]
+        found = self._found(picture, [everywhere])
+        if not found and thorough:
             height, width = picture.shape[:2]
-            inside = [(x, y) for x, y in places if 0 <= x <= width and 0 <= y <= height]
-            found = [one for place in inside for one in self._found(picture, Region(place, half))]
+            (x, y), half = everywhere.centre, everywhere.side / 2
+            centres = [(x + across * half / 2, y + down * half / 2) for down in (-1, 0, 1) for across in (-1, 0, 1)]
+            found = self._found(
+                picture, [Region(c, half) for c in centres if 0 <= c[0] <= width and 0 <= c[1] <= height]
+            )
         return [region for _, _, region in _one_each(found)]
 
-    def _found(self, picture: np.ndarray, part: Region) -> list["_Found"]:
-        square = part.cut(picture, _FINDER).astype(np.float32)[None] / 127.5 - 1
-        boxes, scores = self.person(square)
-        likely = np.flatnonzero(scores[0, :, 0] > np.log(_CERTAIN / (1 - _CERTAIN)))
-        values = boxes[0, likely].astype(np.float64).reshape(-1, 6, 2) / _FINDER
-        values[:, [0, 2, 3, 4, 5]] += _anchors()[likely, None]
+    def _found(self, picture: np.ndarray, parts: list[Region]) -> list["_Found"]:
+        squares = np.stack([part.cut(picture, _FINDER) for part in parts]).astype(np.float32) / 127.5 - 1
         result = []
-        for score, (centre, size, hips, rim, _, _) in zip(scores[0, likely, 0], values, strict=True):
-            low, high = part.to_picture(np.array([centre - size / 2, centre + size / 2]))
-            hips, rim = part.to_picture(np.array([hips, rim]))
-            result.append((float(_sigmoid(score)), np.concatenate([low, high]), Region.around(hips, rim)))
+        for part, boxes, scores in zip(parts, *self.person(squares), strict=True):
+            likely = np.flatnonzero(scores[:, 0] > np.log(_CERTAIN / (1 - _CERTAIN)))
+            values = boxes[likely].astype(np.float64).reshape(-1, 6, 2) / _FINDER
+            values[:, [0, 2, 3, 4, 5]] += _anchors()[likely, None]
+            for score, (centre, size, hips, rim, _, _) in zip(scores[likely, 0], values, strict=True):
+                low, high = part.to_picture(np.array([centre - size / 2, centre + size / 2]))
+                hips, rim = part.to_picture(np.array([hips, rim]))
+                result.append((float(_sigmoid(score)), np.concatenate([low, high]), Region.around(hips, rim)))
         return result
 
     def look(self, picture: UInt8[np.ndarray, "height width 3"], region: Region) -> Sighting:
-        """The person in a region of an RGB picture."""
-        for again in reversed(range(self.passes)):
-            square = brightened(region.cut(picture, _SQUARE)).astype(np.float32) / 255
-            points, presence = self._landmarks(square)
-            if again == 0 and self.mirrored:
-                other, _ = self._landmarks(np.ascontiguousarray(square[:, ::-1]))
-                other[:, 0] = 1 - other[:, 0]
-                points = (points + other[_MIRRORED]) / 2
-            points[:, :2] = region.to_picture(points[:, :2])
-            region = Region.around(points[_HIPS, :2], points[_RIM, :2])
-        return Sighting(points[:33], presence, region)
-
-    def _landmarks(self, square: Float32[np.ndarray, "256 256 3"]) -> tuple[Float64[np.ndarray, "35 3"], float]:
-        """Landmarks as shares of the square with confidence, and the presence of a person."""
-        values, presence, _, heat, _ = self.landmarks(square[None])
-        rows = values.reshape(39, 5)[:35].astype(np.float64)
-        confidence = _sigmoid(rows[:, 3:]).min(axis=1)
-        places = _refined(rows[:, :2] / _SQUARE, heat[0])
-        return np.column_stack([places, confidence]), float(presence.item())
+        """The person in a region of an RGB picture, as the mean of what the square and its mirror image show."""
+        square = brightened(region.cut(picture, _SQUARE)).astype(np.float32) / 255
+        squares = np.stack([square, square[:, ::-1]]) if self.mirrored else square[None]
+        values, presence, _, heat, _ = self.landmarks(squares)
+        answers = [_landmarks(*one) for one in zip(values, heat, strict=True)]
+        points, doubt = answers[0], 0.0
+        if self.mirrored:
+            other = answers[1][_MIRRORED] * (-1, 1, 1) + (1, 0, 0)
+            doubt = float(np.median(np.linalg.norm((points - other)[:33, :2], axis=-1)))
+            points = (points + other) / 2
+        points[:, :2] = region.to_picture(points[:, :2])
+        next_region = Region.around(points[_HIPS, :2], points[_RIM, :2])
+        return Sighting(points[:33], float(presence[0].item()), next_region, doubt)
 
 
 _Found = tuple[float, Float64[np.ndarray, "4"], Region]
@@ -126,6 +121,14 @@ def _overlap(first: np.ndarray, second: np.ndarray) -> float:
     shared = float(sides.prod())
     areas = [float(np.clip(box[2:] - box[:2], 0, None).prod()) for box in (first, second)]
     return shared / max(sum(areas) - shared, 1e-9)
+
+
+def _landmarks(
+    values: Float32[np.ndarray, "195"], heat: Float32[np.ndarray, "rows columns 39"]
+) -> Float64[np.ndarray, "35 3"]:
+    """Landmarks as shares of the square, and confidence."""
+    rows = values.reshape(39, 5)[:35].astype(np.float64)
+    return np.column_stack([_refined(rows[:, :2] / _SQUARE, heat), _sigmoid(rows[:, 3:]).min(axis=1)])
 
 
 def _refined(

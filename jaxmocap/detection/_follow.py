@@ -12,6 +12,9 @@ from ._region import Region
 
 _PRESENT = 0.5  # below, nobody is there (MediaPipe's min_tracking_confidence)
 _REACH = 0.5  # sides of the region by which a person who was lost may be elsewhere, and as much per picture since
+_MOVED = 0.08  # share of the region's side by which points do not move from picture to picture without being doubted
+_TURN = 0.35  # radians
+_THOROUGH = 10  # one in so many pictures without the person is searched for small people
 _LONG = 15  # pictures after which a person who was lost may be anywhere
 
 
@@ -98,31 +101,42 @@ class _Follower:
 
     def __init__(self, model: PersonModel, at: tuple[float, float] | None, notes: list[str]):
         self._model, self._at, self._notes = model, at, notes
-        self._last: Region | None = None
+        self._last: Sighting | None = None
         self._missed = 0
 
     def next(self, picture: np.ndarray) -> Sighting | None:
         """The person in the next picture."""
         sighting = None
         if self._last is not None and not self._missed:
-            sighting = self._look(picture, self._last)
+            sighting = self._again(picture, self._last)
         if sighting is None:
             sighting = next(self._candidates(picture), None)
         self._missed = 0 if sighting is not None else self._missed + 1
-        self._last = self._last if sighting is None else sighting.region
+        self._last = self._last if sighting is None else sighting
         return sighting
 
     def _look(self, picture: np.ndarray, region: Region) -> Sighting | None:
         sighting = self._model.look(picture, region)
         return sighting if sighting.presence >= _PRESENT else None
 
+    def _again(self, picture: np.ndarray, last: Sighting) -> Sighting | None:
+        """The person near where the last picture showed them. Where the points have moved far, the square is turned
+        otherwise and looked at again, and the answer nearest to the last picture's is taken: a network may see a
+        leaning person the wrong way round, and then goes on to do so."""
+        first = self._look(picture, last.region)
+        if first is None or _change(first, last) + first.doubt < _MOVED:
+            return first
+        others = [self._look(picture, replace(last.region, angle=last.region.angle + turn)) for turn in _turns(last)]
+        answers = [first, *(one for one in others if one is not None)]
+        return min(answers, key=lambda one: _change(one, last) + one.doubt)
+
     def _candidates(self, picture: np.ndarray) -> Iterator[Sighting]:
         """Who may be the person, likeliest first."""
-        people = self._model.find(picture)
-        last = self._last
-        if last is None:
+        people = self._model.find(picture, thorough=self._missed % _THOROUGH == 0)
+        if self._last is None:
             yield from self._choice(picture, people)
             return
+        last = self._last.region
         reach = np.inf if self._missed >= _LONG else _REACH * last.side * (1 + self._missed)
         for region in sorted(people, key=lambda one: _distance(one, *last.centre)):
             if _distance(region, *last.centre) <= reach and (sighting := self._look(picture, region)):
@@ -146,3 +160,14 @@ class _Follower:
 
 def _distance(region: Region, x: float, y: float) -> float:
     return float(np.hypot(region.centre[0] - x, region.centre[1] - y))
+
+
+def _change(sighting: Sighting, last: Sighting) -> float:
+    """How far the points have moved, as a share of the region's side; a quarter of them farther."""
+    moved = np.linalg.norm(sighting.points[:, :2] - last.points[:, :2], axis=-1)
+    return float(np.percentile(moved, 75)) / last.region.side
+
+
+def _turns(last: Sighting) -> tuple[float, ...]:
+    """By which the square is turned for other answers, radians; one of them stands it upright."""
+    return (-last.region.angle, -_TURN, _TURN) if abs(last.region.angle) > _TURN / 2 else (-_TURN, _TURN)

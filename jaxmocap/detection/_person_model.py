@@ -9,8 +9,8 @@ from jaxtyping import Float32, Float64, UInt8
 
 from ._region import Region
 
-Network = Callable[[Float32[np.ndarray, "1 height width 3"]], list[np.ndarray]]
-"""One picture in, the network's outputs in its own order."""
+Network = Callable[[Float32[np.ndarray, "picture height width 3"]], list[np.ndarray]]
+"""Pictures in, the network's outputs in its own order, each with one entry per picture."""
 
 
 @dataclass(frozen=True)
@@ -20,18 +20,21 @@ class Sighting:
     points: x, y (pixels of the picture) and confidence, in the order of the model's layout.
     presence: how certain it is that there is a person, 0 to 1.
     region: where this person fills the square best.
+    doubt: how far the model's own answers to the same picture lie apart, as a share of the region's side; 0 if it gives
+        only one.
     """
 
     points: Float64[np.ndarray, "point 3"]
     presence: float
     region: Region
+    doubt: float = 0.0
 
 
 class PersonModel(Protocol):
     """Finds people in a picture, and the keypoints of the one in a region."""
 
-    def find(self, picture: UInt8[np.ndarray, "height width 3"]) -> list[Region]:
-        """Everybody in an RGB picture, the most certain first."""
+    def find(self, picture: UInt8[np.ndarray, "height width 3"], thorough: bool = True) -> list[Region]:
+        """Everybody in an RGB picture, the most certain first; small people too where `thorough`."""
         ...
 
     def look(self, picture: UInt8[np.ndarray, "height width 3"], region: Region) -> Sighting:

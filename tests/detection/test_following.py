@@ -1,0 +1,141 @@
+"""Following a drawn person, whose networks read marks: the answer is known to a fraction of a pixel."""
+
+import numpy as np
+import pytest
+from marked_person import MODEL, answer, draw
+
+from jaxmocap.detection import Region, Sighting, follow_person
+from jaxmocap.detection._region import brightened
+
+TURNS = np.linspace(-1.2, 2.5, 15)
+
+
+def walk(count: int = 15, length: float = 45.0, shift: float = 0.0):
+    """Hips and head of a person who crosses the picture and turns upside down on the way."""
+    hips = np.stack([np.linspace(120, 190, count) + shift, 120 + 15 * np.sin(np.arange(count) / 3)], axis=1)
+    turns = np.interp(np.arange(count), np.arange(15), TURNS)
+    return hips, hips + length * np.stack([np.sin(turns), -np.cos(turns)], axis=1)
+
+
+def errors(found, hips, head):
+    return np.array(
+        [np.abs(points[:, :2] - answer(*place)).max() for points, *place in zip(found.points, hips, head, strict=True)]
+    )
+
+
+@pytest.mark.parametrize("level", [255, 40])
+def test_a_person_who_moves_and_turns_is_followed_to_the_pixel_in_light_and_dark(level):
+    hips, head = walk()
+    found = follow_person([draw(place, level=level) for place in zip(hips, head, strict=True)], MODEL)
+    assert found.found.all()
+    assert errors(found, hips, head).max() < 0.7
+    assert found.notes == ()
+    assert (found.points[..., 2] > 0.9).all()
+
+
+def test_of_several_people_the_largest_or_the_one_pointed_at_is_followed_and_said():
+    one, other = walk(6, 40.0, -70.0), walk(6, 28.0, 80.0)
+    pictures = [draw(*people) for people in zip(zip(*one, strict=True), zip(*other, strict=True), strict=True)]
+    found = follow_person(pictures, MODEL)
+    assert errors(found, *one).max() < 0.7
+    x, y = one[0][0]
+    assert len(found.notes) == 1
+    assert found.notes[0].startswith(f"2 people: the largest, at ({x:.0f}, {y:.0f}), is followed, not those at (")
+    chosen = follow_person(pictures, MODEL, at=tuple(other[0][0] + 5))
+    assert errors(chosen, *other).max() < 0.7
+    assert "the one chosen" in chosen.notes[0]
+
+
+def test_a_person_who_was_hidden_is_found_again_and_not_mistaken_for_another():
+    one, other = walk(9, 40.0, -80.0), walk(9, 30.0, 110.0)
+    people = [list(row) for row in zip(zip(*one, strict=True), zip(*other, strict=True), strict=True)]
+    for frame in (3, 4):
+        people[frame] = people[frame][1:]
+    found = follow_person([draw(*row) for row in people], MODEL, frames=range(100, 109))
+    assert found.frames.tolist() == list(range(100, 109))
+    assert found.found.tolist() == [True] * 3 + [False] * 2 + [True] * 4
+    assert errors(found, *one)[found.found].max() < 0.7
+    assert (found.points[3:5] == 0).all()
+
+
+def test_pictures_without_anybody_give_nothing():
+    found = follow_person([draw(), draw()], MODEL)
+    assert found.points.shape == (2, 0, 3)
+    assert not found.found.any()
+
+
+def test_a_small_person_is_found_in_a_quarter_of_the_picture():
+    """Spots are lost when the whole picture is made as small as the network's."""
+    hips, head = np.array([150.0, 1300.0]), np.array([150.0, 1230.0])
+    picture = np.full((1800, 2400, 3), 40, np.uint8)
+    picture[1200:1440, 0:320] = draw((hips - [0, 1200], head - [0, 1200]), radius=6)
+    assert MODEL.find(picture, thorough=False) == []
+    (region,) = MODEL.find(picture)
+    assert np.hypot(*(np.array(region.centre) - hips)) < 4
+    assert region.side == pytest.approx(175, rel=0.1)
+
+
+def test_points_outside_the_picture_are_not_believed():
+    place = np.array([5.0, 120.0]), np.array([5.0, 30.0])
+    found = follow_person([draw(place)], MODEL)
+    beyond = answer(*place)[:, 0] < -1
+    inside = answer(*place)[:, 0] > 1
+    assert beyond.any()
+    assert (found.points[0, beyond, 2] == 0).all()
+    assert (found.points[0, inside, 2] > 0.9).all()
+    assert (found.scores[0] > 0.9).all()
+
+
+class Contrary:
+    """A model that sees a turned person the wrong way round in some pictures, and says so neither in its presence nor
+    by doubting."""
+
+    def __init__(self, wrong):
+        self.wrong, self.frame = wrong, -1
+
+    def find(self, picture, thorough=True):
+        return MODEL.find(picture, thorough)
+
+    def look(self, picture, region):
+        sighting = MODEL.look(picture, region)
+        if int(picture[0, 0, 2]) in self.wrong and abs(region.angle) > 0.1:
+            hips = sighting.points[:, :2].mean(0)
+            turned = sighting.points * (-1, -1, 1) + (*(2 * hips), 0)
+            return Sighting(turned, sighting.presence, region)
+        return sighting
+
+
+def test_an_answer_that_jumps_is_asked_for_again_in_a_square_that_is_turned_otherwise():
+    hips, head = np.tile([160.0, 120.0], (6, 1)), np.tile([185.0, 80.0], (6, 1))
+    pictures = [draw(place) for place in zip(hips, head, strict=True)]
+    for frame, picture in enumerate(pictures):
+        picture[0, 0] = (0, 0, frame)
+    found = follow_person(pictures, Contrary({2, 3}))
+    assert errors(found, hips, head).max() < 0.7
+
+
+def test_a_region_cuts_the_picture_where_it_says():
+    region = Region((100.0, 80.0), 64.0, 0.6)
+    place = region.to_picture(np.array([[0.25, 0.75]]))[0]
+    picture = np.zeros((200, 200, 3), np.uint8)
+    import cv2
+
+    cv2.circle(picture, tuple(np.rint((place - 0.5) * 16).astype(int).tolist()), 2 * 16, (255,) * 3, -1, cv2.LINE_AA, 4)
+    for size in (64, 256, 24):
+        cut = region.cut(picture, size).astype(float)[..., 0]
+        rows, columns = np.mgrid[:size, :size] + 0.5
+        middle = np.array([(cut * columns).sum(), (cut * rows).sum()]) / cut.sum() / size
+        assert middle == pytest.approx([0.25, 0.75], abs=0.3 / 24)
+    assert region.holds(*place)
+    assert not region.holds(100.0 + 64, 80.0)
+
+
+def test_dark_pictures_are_brightened_and_bright_ones_left_alone():
+    rng = np.random.default_rng(0)
+    dark = rng.integers(1, 60, (40, 40, 3)).astype(np.uint8)
+    assert 85 < brightened(dark).mean() < 125
+    bright = rng.integers(60, 250, (40, 40, 3)).astype(np.uint8)
+    assert brightened(bright) is bright
+    half = np.zeros((40, 80, 3), np.uint8)
+    half[:, :40] = bright
+    assert brightened(half) is half
