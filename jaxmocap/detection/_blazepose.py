@@ -47,11 +47,13 @@ class BlazePose:
     landmarks: Network
     mirrored: bool = True
 
-    def find(self, picture: UInt8[np.ndarray, "height width 3"], thorough: bool = True) -> list[Region]:
-        """Everybody in an RGB picture, the most certain first; where nobody is found and `thorough`, quarters are
-        searched, in which people look larger."""
+    def find(
+        self, picture: UInt8[np.ndarray, "height width 3"], part: Region | None = None, *, thorough: bool = True
+    ) -> list[Region]:
+        """Everybody in a part of an RGB picture or in all of it, the most certain first; where nobody is found and
+        `thorough`, quarters of that are searched, in which people look larger."""
         picture = brightened(picture)
-        everywhere = whole(picture)
+        everywhere = part or whole(picture)
         found = self._found(picture, [everywhere])
         if not found and thorough:
             height, width = picture.shape[:2]

@@ -14,8 +14,7 @@ _PRESENT = 0.5  # below, nobody is there (MediaPipe's min_tracking_confidence)
 _REACH = 0.5  # sides of the region by which a person who was lost may be elsewhere, and as much per picture since
 _MOVED = 0.08  # share of the region's side by which points do not move from picture to picture without being doubted
 _TURN = 0.35  # radians
-_THOROUGH = 10  # one in so many pictures without the person is searched for small people
-_LONG = 15  # pictures after which a person who was lost may be anywhere
+_LONG = 15  # pictures after which a person who was lost may be anywhere, and is searched for thoroughly as rarely
 
 
 @dataclass(frozen=True)
@@ -132,12 +131,15 @@ class _Follower:
 
     def _candidates(self, picture: np.ndarray) -> Iterator[Sighting]:
         """Who may be the person, likeliest first."""
-        people = self._model.find(picture, thorough=self._missed % _THOROUGH == 0)
+        thorough = self._missed < _LONG or self._missed % _LONG == 0
         if self._last is None:
-            yield from self._choice(picture, people)
+            yield from self._choice(picture, self._model.find(picture, thorough=thorough))
             return
-        last = self._last.region
-        reach = np.inf if self._missed >= _LONG else _REACH * last.side * (1 + self._missed)
+        last, reach, people = self._last.region, np.inf, []
+        if self._missed < _LONG:
+            reach = _REACH * last.side * (1 + self._missed)
+            people = self._model.find(picture, replace(last, side=2 * reach + last.side, angle=0.0), thorough=False)
+        people = people or self._model.find(picture, thorough=thorough)
         for region in sorted(people, key=lambda one: _distance(one, *last.centre)):
             if _distance(region, *last.centre) <= reach and (sighting := self._look(picture, region)):
                 yield sighting

@@ -33,8 +33,11 @@ class Sighting:
 class PersonModel(Protocol):
     """Finds people in a picture, and the keypoints of the one in a region."""
 
-    def find(self, picture: UInt8[np.ndarray, "height width 3"], thorough: bool = True) -> list[Region]:
-        """Everybody in an RGB picture, the most certain first; small people too where `thorough`."""
+    def find(
+        self, picture: UInt8[np.ndarray, "height width 3"], part: Region | None = None, *, thorough: bool = True
+    ) -> list[Region]:
+        """Everybody in a part of an RGB picture or in all of it, the most certain first; small people too where
+        `thorough`."""
         ...
 
     def look(self, picture: UInt8[np.ndarray, "height width 3"], region: Region) -> Sighting:

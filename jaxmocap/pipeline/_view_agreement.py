@@ -8,21 +8,24 @@ from jaxtyping import Bool, Float64
 
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, Undistortion
-from jaxmocap.detection import FollowedPerson
+from jaxmocap.detection import LAYOUTS, FollowedPerson
 
 _SHARE = 0.05  # of the region's side; what a point may lie beside its epipolar line in any case
 _USUAL = 5.0  # times what is usual between two views
 _FARTHEST = 0.1  # of the region's side; what is farther agrees in no case
-_MOST = 0.25  # share of disagreeing points from which cameras or time are to blame, not the detector
+_OTHER = 0.5  # share of a picture's limb joints that agree with no view, above which it is another person
+_LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+_MOST = 0.25  # the same share in most pictures, from which cameras or time are to blame, not the detector
 
 
 def agreeing(capture: Capture, people: dict[str, FollowedPerson]) -> tuple[dict[str, FollowedPerson], float]:
     """Give confidence 0 to every point that other views see and none agrees with; with two views that is in both.
 
     A view agrees that sees the point within 5 % of the region's side of its epipolar line, or within five times the
-    median distance of the two views, if that is no more than 10 %. Returns the people and the share of points that had
-    none to agree with them; from a quarter on nothing is changed, for then cameras or offsets are wrong. `capture` must
-    be as recorded, with cameras.
+    median distance of the two views, if that is no more than 10 %. A person of whom more than half of the joints of
+    the limbs agree with no view is another one in that picture, and no point is believed. Returns the people and the
+    share of these joints that had none to agree with them, in the median over the pictures; from a quarter on nothing
+    is changed, for then cameras or offsets are wrong. `capture` must be as recorded, with cameras.
     """
     cameras = capture.cameras
     names = [name for name in capture.camera_names if name in people]
@@ -31,15 +34,18 @@ def agreeing(capture: Capture, people: dict[str, FollowedPerson]) -> tuple[dict[
     for view, (name, index) in enumerate(zip(names, views, strict=True)):
         where = {frame: row for row, frame in enumerate(people[name].frames.tolist())}
         rows[view] = [where.get(int(frame), -1) for frame in capture.video_frames[index]]
-    count = max(people[name].points.shape[1] for name in names)
-    points, sides = np.zeros((*rows.shape, count, 3)), np.zeros(rows.shape)
+    layout = next(one for one in LAYOUTS.values() if len(one.points) == people[names[0]].points.shape[1])
+    limbs = [row for row, point in enumerate(layout.points) if point.endswith(_LIMBS)]
+    points, sides = np.zeros((*rows.shape, len(layout.points), 3)), np.zeros(rows.shape)
     for view, name in enumerate(names):
         known = rows[view] >= 0
         points[view, known] = people[name].points[rows[view, known]]
         sides[view, known] = people[name].sides[rows[view, known]]
     heard, agreed = _agreement(_undistorted(points, cameras, views), sides, cameras, views)
     alone = heard & ~agreed
-    share = float(alone.sum() / max(heard.sum(), 1))
+    shares = alone[..., limbs].sum(-1) / np.maximum(heard[..., limbs].sum(-1), 1)
+    share = float(np.median(shares[heard.any(-1)])) if heard.any() else 0.0
+    alone |= (shares > _OTHER)[..., None]
     if share >= _MOST or not alone.any():
         return people, share
     result = dict(people)

@@ -93,8 +93,8 @@ class Contrary:
     def __init__(self, wrong):
         self.wrong, self.frame = wrong, -1
 
-    def find(self, picture, thorough=True):
-        return MODEL.find(picture, thorough)
+    def find(self, picture, part=None, *, thorough=True):
+        return MODEL.find(picture, part, thorough=thorough)
 
     def look(self, picture, region):
         sighting = MODEL.look(picture, region)
