@@ -60,6 +60,14 @@ ActorFile = Annotated[
         help_behavior_hint="(default: the capture's actor)",
     ),
 ]
+Height = Annotated[
+    float | None,
+    tyro.conf.arg(
+        metavar="METRES",
+        help="How tall the person is, where there is no actor: the built-in body is made to measure and keeps it.",
+        help_behavior_hint="(default: found)",
+    ),
+]
 DetectionsFolder = Annotated[
     Path | None,
     tyro.conf.arg(

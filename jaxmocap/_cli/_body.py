@@ -60,9 +60,8 @@ def body(
     json: Json = False,
 ) -> int:
     """Write a body of any size, the built-in one, Anny's or MHR's, for fit-character or as an actor."""
-    import numpy as np
-
     from jaxmocap._files import atomic_path
+    from jaxmocap.character import stature
     from jaxmocap.rigging import body
 
     refuse_unusable(out)
@@ -75,7 +74,7 @@ def body(
         assets=assets,
         num_faces=triangles,
     )
-    tall = round(float(np.ptp(np.asarray(character.vertices)[:, 1])), 4)
+    tall = round(float(stature(character)), 4)
     out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(out) as temporary:
         character.save_glb(temporary)

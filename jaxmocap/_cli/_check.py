@@ -80,18 +80,18 @@ def findings_table(findings: "list[Finding]", path: Path) -> Table | str:
 
 def _about_actor(path: Path) -> "list[Finding]":
     from jaxmocap.capture import Capture, Finding
+    from jaxmocap.character import stature
+    from jaxmocap.pipeline import no_actor
     from jaxmocap.rigging import open_actor
 
     capture = Capture.open(path)
     if capture.actor is None:
-        return [
-            Finding("error", "actor", "capture.toml names no actor; a skinned .glb or .gltf file, or a mesh, is needed")
-        ]
+        return [no_actor(capture)]
     try:
         said: list[str] = []
         character = open_actor(capture.actor, said.append)
     except InputError as error:
         return [Finding("error", "actor", str(error))]
-    height = float(character.vertices[:, 1].max() - character.vertices[:, 1].min())
+    height = float(stature(character))
     note = f"{character.name}: {len(character.faces)} triangles, {height:.2f} m tall at rest"
     return [Finding("note", "actor", note), *(Finding("note", "actor", message) for message in said)]

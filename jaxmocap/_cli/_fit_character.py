@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 from rich.table import Table
 
-from ._arguments import ActorFile, CapturePath, Json
+from ._arguments import ActorFile, CapturePath, Height, Json
 from ._output import progress, say, show
 from ._rig import refuse_unusable
 
@@ -28,6 +28,7 @@ def fit_character(
             help_behavior_hint="(default: the selected frames)",
         ),
     ] = (),
+    height: Height = None,
     json: Json = False,
 ) -> int:
     """Fit bone lengths and girths of a generic actor to the person filmed, for use as `--actor` or in capture.toml."""
@@ -37,9 +38,9 @@ def fit_character(
 
     refuse_unusable(out)
     opened = Capture.open(capture)
-    generic = _generic(opened, actor)
+    generic = _generic(opened, actor, height)
     with progress() as report:
-        fit = fit_character(opened, opened.cameras, generic, at or None, progress=report)
+        fit = fit_character(opened, opened.cameras, generic, at or None, height=height, progress=report)
     out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(out) as temporary:
         fit.character.save_glb(temporary)
@@ -48,13 +49,13 @@ def fit_character(
     return 0
 
 
-def _generic(capture: "Capture", actor: Path | None) -> "Character":
+def _generic(capture: "Capture", actor: Path | None, height: float | None) -> "Character":
     from jaxmocap.pipeline import open_character
     from jaxmocap.rigging import body
 
     if actor is None and capture.actor is None:
         say(f"capture '{capture.name}' names no actor: the built-in body is made to measure.")
-        return body()
+        return body(height)
     return open_character(capture, actor, say)
 
 

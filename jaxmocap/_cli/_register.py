@@ -8,7 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import ActorFile, CapturePath, FindMasks, Json, PoseFile, Seed
+from ._arguments import ActorFile, CapturePath, FindMasks, Height, Json, PoseFile, Seed
 from ._output import mask_words, progress, say, show, write_png
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ def register(
     pose: PoseFile = None,
     find_masks: FindMasks = True,
     actor: ActorFile = None,
+    height: Height = None,
     json: Json = False,
 ) -> int:
     """Fit the actor at the selected frames and draw it over them, to look at before tracking."""
@@ -33,8 +34,8 @@ def register(
     from jaxmocap._files import atomic_folder, write_json
     from jaxmocap.capture import Capture
     from jaxmocap.pipeline import (
+        character_of,
         mask_record,
-        open_character,
         registration_record,
         with_person_masks,
         with_selected_frames,
@@ -43,7 +44,9 @@ def register(
 
     refuse_if_taken(out)
     opened = Capture.open(capture)
-    character, cameras = open_character(opened, actor, say), opened.cameras
+    with progress() as report:
+        character = character_of(opened, actor, height, say=say, progress=report).character
+    cameras = opened.cameras
     overrides = None if pose is None else read_pose_file(pose)
     opened, _ = with_selected_frames(opened, overrides, say)
     selected = opened.selected_frames or (0,)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.table import Table
 
-from ._arguments import CapturePath, Json, PoseFile, Seed
+from ._arguments import CapturePath, Height, Json, PoseFile, Seed
 from ._output import mask_words, progress, say, show, write_png
 from ._register import refuse_if_taken
 
@@ -19,6 +19,7 @@ def segment(
     out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="New folder for the masks and pictures of them.")],
     seed: Seed = 0,
     pose: PoseFile = None,
+    height: Height = None,
     json: Json = False,
 ) -> int:
     """Find the person's outline at the selected frames, and write masks as a capture holds them and pictures."""
@@ -27,13 +28,14 @@ def segment(
 
     from jaxmocap._files import atomic_folder, write_json
     from jaxmocap.capture import Capture, mask_file
-    from jaxmocap.pipeline import mask_record, open_character, with_person_masks, with_selected_frames
+    from jaxmocap.pipeline import character_of, mask_record, with_person_masks, with_selected_frames
     from jaxmocap.registration import read_pose_file
     from jaxmocap.viewers import draw_mask
 
     refuse_if_taken(out)
     opened = Capture.open(capture)
-    character = open_character(opened, say=say)
+    with progress() as report:
+        character = character_of(opened, height=height, say=say, progress=report).character
     overrides = None if pose is None else read_pose_file(pose)
     opened, _ = with_selected_frames(opened, overrides, say)
     with atomic_folder(out) as folder, progress() as report:

@@ -6,14 +6,22 @@ from ._check_geometry import check_subject as check_subject, triangulated_people
 from ._check_videos import SYNC_REPORT as SYNC_REPORT
 from ._choose_frames import ChosenFrames as ChosenFrames, choose_frames as choose_frames
 from ._config import Finding as Finding, config_path as config_path, read_config as read_config
-from ._content import content_hash as content_hash, folder_hash as folder_hash
+from ._content import content_hash as content_hash, path_hash as path_hash
 from ._detections import Detections as Detections
 from ._edit_config import (
     with_cameras_line as with_cameras_line,
     with_keypoints_line as with_keypoints_line,
+    with_lines as with_lines,
     with_offsets as with_offsets,
 )
 from ._picture_steps import Undistortion as Undistortion, mask_file as mask_file, read_mask as read_mask
-from ._sync_plan import SyncPlan as SyncPlan, plan_new_capture as plan_new_capture, plan_sync as plan_sync
+from ._sync_plan import (
+    SyncPlan as SyncPlan,
+    camera_names as camera_names,
+    new_capture_text as new_capture_text,
+    plan_new_capture as plan_new_capture,
+    plan_sync as plan_sync,
+    video_names as video_names,
+)
 from ._video import FrameReader as FrameReader, VideoIndex as VideoIndex, index_video as index_video
 from .synchronisation import Synchronisation as Synchronisation, SyncMethod as SyncMethod, synchronise as synchronise

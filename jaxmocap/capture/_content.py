@@ -39,12 +39,12 @@ def content_hash(capture: Capture) -> str:
     return found.hexdigest()
 
 
-def folder_hash(folder: Path) -> str:
-    """Hash all files of a folder and the folders in it, by name."""
+def path_hash(path: Path) -> str:
+    """Hash a file's content, or all files of a folder and the folders in it, by name."""
     found = hashlib.blake2b(digest_size=16)
-    for path in sorted(folder.rglob("*")):
-        if path.is_file():
-            _add(found, path.relative_to(folder).as_posix(), path)
+    for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+        if file.is_file():
+            _add(found, file.relative_to(path).as_posix(), file)
     return found.hexdigest()
 
 

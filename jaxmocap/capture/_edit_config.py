@@ -1,6 +1,6 @@
 """Completing `capture.toml` in place: single values change; comments, order and layout stay."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,14 @@ def with_keypoints_line(text: str, keypoints: str, file: Path) -> str:
     return document.text()
 
 
+def with_lines(text: str, values: Mapping[str, str | list[int]], file: Path) -> str:
+    """Set these keys in the text of `capture.toml`. Raises `InputError` if the text is not TOML."""
+    document = _Document(text, file)
+    for key, value in values.items():
+        document.set(document.toml, key, value)
+    return document.text()
+
+
 class _Document:
     """A TOML document that is edited; a `frames` line that is not valid, which opening forgives, is kept as it is."""
 
@@ -67,7 +75,7 @@ class _Document:
         except TOMLKitError as error:
             raise InputError(f"{file} is not valid TOML: {error}; nothing was changed in it") from error
 
-    def set(self, table: Any, key: str, value: float | str) -> None:
+    def set(self, table: Any, key: str, value: float | str | list[int]) -> None:
         """Change a value, or add it behind the last one of its table: before comments and sections that follow."""
         if key in table or isinstance(table, InlineTable):
             table[key] = value

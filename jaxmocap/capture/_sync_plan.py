@@ -70,19 +70,34 @@ def plan_new_capture(
     if len(paths) < 2:
         raise InputError(f"a new capture needs two or more videos, and {len(paths)} was given")
     indices = [index_video(path) for path in paths]
-    names = _camera_names(paths)
+    names = camera_names(paths)
     found = synchronise(indices, names, method, progress)
-    copies = {f"{name}{path.suffix}": path for name, path in zip(names, paths, strict=True)}
-    lines = [f"name = {_quoted(folder.resolve().name)}", f"fps = {round(1 / found.frame, 3):g}", 'units = "metres"']
+    copies = video_names(paths, names)
+    text = new_capture_text(folder, found.frame, dict(zip(names, copies, strict=True)), found.offsets)
+    return SyncPlan(folder / "capture.toml", text, found, copies)
+
+
+def new_capture_text(
+    folder: Path, interval: float, videos: Mapping[str, str], offsets: Sequence[float] | None = None
+) -> str:
+    """Write down a new capture of `videos`, files in `folder` by camera, whose first takes a picture every `interval`
+    seconds; without offsets it says nothing of when they began."""
+    lines = [f"name = {_quoted(folder.resolve().name)}", f"fps = {round(1 / interval, 3):g}", 'units = "metres"']
     lines.append('up = "y"')
-    for name, video, offset in zip(names, copies, found.offsets, strict=True):
-        entry = CameraEntry(name=name, video=video, offset=round(offset, 6) + 0.0)
+    for number, (name, video) in enumerate(videos.items()):
+        entry = CameraEntry(name=name, video=video)
         lines += ["", "[[camera]]", f"name = {_quoted(entry.name)}", f"video = {_quoted(entry.video)}"]
-        lines.append(f"offset = {entry.offset!r}")
-    return SyncPlan(folder / "capture.toml", "\n".join(lines) + "\n", found, copies)
+        if offsets is not None:
+            lines.append(f"offset = {round(offsets[number], 6) + 0.0!r}")
+    return "\n".join(lines) + "\n"
 
 
-def _camera_names(paths: Sequence[Path]) -> list[str]:
+def video_names(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Path]:
+    """The videos by their file names in a new capture."""
+    return {f"{name}{path.suffix}": path for name, path in zip(names, paths, strict=True)}
+
+
+def camera_names(paths: Sequence[Path]) -> list[str]:
     """File names without suffix as camera names, or cam0, cam1, ... if they are not different or not usable."""
     names = [re.sub(r"[^\w.\-]", "_", path.stem).lstrip(".-") for path in paths]
     if len({name.lower() for name in names}) < len(names) or not all(names):

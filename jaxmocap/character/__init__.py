@@ -6,6 +6,7 @@ from ._body_shape import (
     BodyShape as BodyShape,
     bone_lengths as bone_lengths,
     scaled as scaled,
+    stature as stature,
 )
 from ._build import (
     REQUIRED as REQUIRED,

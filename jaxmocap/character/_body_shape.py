@@ -93,6 +93,11 @@ def scaled(character: Character, shape: BodyShape) -> Character:
     )
 
 
+def stature(character: Character) -> Float[Array, ""]:
+    """Find how tall the character stands at rest, metres."""
+    return jnp.max(character.vertices[:, 1]) - jnp.min(character.vertices[:, 1])
+
+
 def bone_lengths(skeleton: Skeleton) -> dict[str, Float[Array, ""]]:
     """Measure bones between joints, metres, the mean of both sides.
 

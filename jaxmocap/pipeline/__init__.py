@@ -9,6 +9,7 @@ from ._defaults import (
 )
 from ._detect import DETECTION_REPORT as DETECTION_REPORT, FoundKeypoints as FoundKeypoints, detect as detect
 from ._doctor import EXTRAS as EXTRAS, Diagnosis as Diagnosis, doctor as doctor
+from ._made_to_measure import MadeBody as MadeBody, character_of as character_of, no_actor as no_actor
 from ._register_and_learn import fit_capture_appearance as fit_capture_appearance
 from ._synchronise import sync as sync
 from ._track_capture import (

@@ -23,7 +23,7 @@ from jaxmocap._files import write_json
 from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
 from jaxmocap._types import Quality
-from jaxmocap.capture import Capture, Detections, content_hash, folder_hash
+from jaxmocap.capture import Capture, Detections, content_hash, path_hash
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion
 from jaxmocap.observation import observe
@@ -35,6 +35,7 @@ from jaxmocap.verdict import FrameResult
 from jaxmocap.viewers import overlay_videos, report_page
 
 from ._defaults import MaskRecord, mask_record, say_doubts, with_selected_frames
+from ._made_to_measure import character_of
 from ._register_and_learn import Prepared, register_and_learn
 from ._run_folder import finished, run_folder
 
@@ -94,6 +95,7 @@ def track_capture(
     frames: tuple[int, int] | None = None,
     pose_file: str | Path | None = None,
     actor: str | Path | None = None,
+    height: float | None = None,
     tracker: Tracker | None = None,
     settings: Mapping[str, Any] | None = None,
     overlays: bool = True,
@@ -109,7 +111,8 @@ def track_capture(
     video per view, and the report page.
 
     `frames` is (start, stop). `pose_file` sets single DoFs at selected frames. `actor` is a character's file and
-    `tracker` a tracker, instead of the capture's and the preset; `settings` change single settings of the tracker by
+    `tracker` a tracker, instead of the capture's and the preset; where there is no actor, the built-in body is made to
+    measure (`character_of`), `height` metres tall if that is known; `settings` change single settings of the tracker by
     name (`with_settings`). Selected frames that the capture does not name are chosen, and masks it does not have are
     found (unless `find_masks` is off); the report says so, and `say` is told at once, also when a mask is doubtful.
     With `detections`, a folder of a detector's files, keypoints count beside the pixels, in `detections_frames` or
@@ -127,7 +130,11 @@ def track_capture(
     run_like = {"path": str(Path(path).resolve()), "quality": quality, "settings": dict(settings or {})}
     preload_programs(run_like)
     capture = Capture.open(path)
-    character = open_character(capture, actor, say)
+    key = jax.random.key(seed)
+    made_body = character_of(
+        capture, actor, height, key=jax.random.fold_in(key, 5), say=say, progress=progress, cache=cache
+    )
+    character = made_body.character
     overrides = read_pose_file(pose_file) if pose_file is not None else None
     if detections is None and detections_frames is not None:
         raise InputError("frames for detections are given, but no detections; name their folder with --detections.")
@@ -150,7 +157,7 @@ def track_capture(
     run_inputs = inputs | {
         "settings": digest(tracker),
         "span of frames": None if frames is None else list(frames),
-        "set of detections": None if detections is None else folder_hash(Path(detections)),
+        "set of detections": None if detections is None else path_hash(Path(detections)),
         "choice of frames with detections": None if detections_frames is None else sorted(detections_frames),
     }
     if resume and finished(out):
@@ -166,7 +173,6 @@ def track_capture(
                 f"capture '{capture.name}' are {', '.join(map(str, selected))}."
             )
         capture.look_ahead(selected)
-        key = jax.random.key(seed)
 
         def make() -> Prepared:
             return register_and_learn(capture, character, key, overrides, quality, find_masks, progress)
@@ -197,7 +203,8 @@ def track_capture(
             "capture_name": capture.name,
             "recorded_sizes": [list(size) for size in capture.recorded_sizes],
             "truth": None if capture.truth is None else str(capture.truth.resolve()),
-            "actor": str(Path(actor or capture.actor or "").resolve()),
+            "actor": None if made_body.record else str(Path(actor or capture.actor or "").resolve()),
+            **({"body": made_body.record} if made_body.record else {}),
             "quality": quality,
             "detections": None if detections is None else str(Path(detections).resolve()),
             "detections_frames": None if detections_frames is None else sorted(detections_frames),

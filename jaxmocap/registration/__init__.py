@@ -1,9 +1,11 @@
 """Registration at the selected frames (sec. 3.2): poses, masks, and a character made to measure."""
 
 from ._fit_character import (
+    FEWEST_FRAMES as FEWEST_FRAMES,
     CharacterFit as CharacterFit,
     CharacterFitSettings as CharacterFitSettings,
     fit_character as fit_character,
+    usable_frames as usable_frames,
 )
 from ._fit_silhouette import (
     RegistrationSettings as RegistrationSettings,

@@ -1,7 +1,7 @@
 """A generic character made to the measure of the filmed person, from keypoints and masks of a few frames."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import equinox as eqx
 import jax
@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject
-from jaxmocap.character import BodyShape, Character, Pose, clamp, scaled
+from jaxmocap.character import BodyShape, Character, Pose, clamp, scaled, stature
 from jaxmocap.energies import LandmarkRays, keypoint_rays
 from jaxmocap.observation import BODY_25, FACE, stacked_keypoints
 from jaxmocap.refiners import AbstractRefiner, LeastSquares, Shooting
@@ -43,6 +43,7 @@ class CharacterFitSettings:
         robust: metres beyond which a keypoint fades (Geman and McClure), one solve after the other.
         mask_rounds: times that contours are tied to the masks anew.
         refiner: solves for shape and poses together.
+        mask_refiner: the same after every tie to the masks, which moves the body a little.
         pose_refiner: solves for the poses alone.
     """
 
@@ -50,7 +51,8 @@ class CharacterFitSettings:
     keypoint_scale: float = 0.01
     robust: tuple[float, ...] = (0.15, 0.05, 0.03)
     mask_rounds: int = 5
-    refiner: AbstractRefiner = field(default_factory=lambda: LeastSquares(smoothing=(1e-2,), max_steps=100))
+    refiner: AbstractRefiner = field(default_factory=lambda: LeastSquares(smoothing=(1e-2,), max_steps=40))
+    mask_refiner: AbstractRefiner = field(default_factory=lambda: LeastSquares(smoothing=(1e-2,), max_steps=20))
     pose_refiner: AbstractRefiner = field(default_factory=Shooting)
 
 
@@ -83,6 +85,8 @@ def fit_character(
     character: Character,
     frames: Sequence[int] | None = None,
     *,
+    height: float | None = None,
+    start: Mapping[int, Pose] | None = None,
     settings: CharacterFitSettings | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> CharacterFit:
@@ -91,26 +95,44 @@ def fit_character(
     Not in the paper, which scans its actors. `frames` are positions, by default the selected frames, and need BODY_25
     keypoints in two views; girths are learnt from masks where there are any and else follow the lengths. All
     unknowns, `BodyShape`, detector offsets and one pose per frame, are solved together by Levenberg-Marquardt
-    (optimistix) with the priors of `ShapePrior`; keypoints weigh by confidence. Raises `InputError` when fewer than
+    (optimistix) with the priors of `ShapePrior`; keypoints weigh by confidence. `height` is how tall the person is, in
+    metres, where that is known: the generic character is scaled to it, and the fitted one keeps it. `start` are poses
+    to begin with, by frame, such as those of an earlier fit; others are found. Raises `InputError` when fewer than
     three frames can be used, for the proportions would be guesses, and where `register` does.
     """
     settings = CharacterFitSettings() if settings is None else settings
     tell = progress or (lambda stage, done, total: None)
-    chosen = _usable_frames(capture, cameras, frames)
+    asked = tuple(sorted(set(capture.selected_frames or () if frames is None else frames)))
+    chosen = usable_frames(capture, cameras, asked)
+    if len(chosen) < FEWEST_FRAMES:
+        listed = f" ({', '.join(map(str, asked))})" if asked else ""
+        raise InputError(
+            f"capture '{capture.name}': {len(chosen)} of the {len(asked)} frames to fit at{listed} have "
+            f"{FEWEST_POINTS} or more keypoints in two views, but fitting a character needs {FEWEST_FRAMES} such "
+            "frames; add keypoint files, or choose other frames with --at."
+        )
     for finding in check_subject(capture, cameras):
         if finding.severity == "error":
             raise InputError(f"capture '{capture.name}': {finding.message}")
+    generic, grown = character, 0.0
+    if height is not None:
+        grown = float(np.log(height / stature(generic)))
+        character = scaled(generic, BodyShape.of(grown))
     base, rays = [], []
     for number, frame in enumerate(chosen):
         tell("poses", number, len(chosen))
         view, keypoints = cameras.at(frame), _keypoints(capture, frame)
         where = f"frame {frame} of capture '{capture.name}'"
-        base.append(inverse_kinematics(character, view, keypoints, settings.pose_refiner, where=where)[0])
+        if start is not None and frame in start:
+            base.append(start[frame])
+        else:
+            base.append(inverse_kinematics(character, view, keypoints, settings.pose_refiner, where=where)[0])
         seen = jnp.asarray(stacked_keypoints(keypoints))
         scale = settings.keypoint_scale
         rays.append(keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale, table=_POINTS))
     tell("poses", len(chosen), len(chosen))
-    problem = ShapeProblem(character, FramesSeen(_stacked(base), _stacked(rays)), settings.prior)
+    measured = None if height is None else jnp.asarray(height, jnp.float32)
+    problem = ShapeProblem(character, FramesSeen(_stacked(base), _stacked(rays)), settings.prior, measured)
     masks = [[capture.mask(c, frame) for c in range(cameras.num_cameras)] for frame in chosen]
     num_masks = sum(mask is not None for row in masks for mask in row)
     stages = len(settings.robust) + (settings.mask_rounds if num_masks else 0)
@@ -121,20 +143,24 @@ def fit_character(
         problem = eqx.tree_at(lambda p: p.seen.rays.robust, problem, fading)
         vector = solve(problem, vector, settings.refiner)
     if num_masks:
+        outlined = tuple(i for i, row in enumerate(masks) if any(mask is not None for mask in row))
+        shown = lambda poses: [poses[i] for i in outlined]  # noqa: E731
         fitted, poses = _found(problem, vector)
-        outlined = mask_problems(capture, cameras, character, dict(zip(chosen, poses, strict=True)), masks)
+        posed = dict(zip(shown(chosen), shown(poses), strict=True))
+        views = mask_problems(capture, cameras, character, posed, shown(masks))
         for number in range(settings.mask_rounds):
             tell("shape", len(settings.robust) + number, stages)
-            contours = outlines(fitted, poses, outlined, number)
-            problem = ShapeProblem(character, FramesSeen(problem.seen.base, problem.seen.rays, contours), problem.prior)
-            vector = solve(problem, vector, settings.refiner)
+            contours = outlines(fitted, shown(poses), views, number)
+            problem = replace(problem, seen=FramesSeen(problem.seen.base, problem.seen.rays, contours, outlined))
+            vector = solve(problem, vector, settings.mask_refiner)
             fitted, poses = _found(problem, vector)
     tell("shape", stages, stages)
     fitted, poses = _found(problem, vector)
     found = problem.unknowns(vector)
+    shape = BodyShape(found.shape.height + grown, found.shape.lengths, found.shape.girths)
     return CharacterFit(
         character=fitted,
-        shape=found.shape,
+        shape=shape,
         poses=dict(zip(chosen, poses, strict=True)),
         offsets=dict(zip(OFFSETS, np.asarray(found.offsets), strict=True)),
         keypoint_error=_error(fitted, poses, rays, found.offsets),
@@ -147,27 +173,19 @@ def _keypoints(capture: Capture, frame: int) -> list[np.ndarray | None]:
     return [capture.keypoints(camera, frame) for camera in range(capture.num_cameras)]
 
 
-def _usable_frames(capture: Capture, cameras: Cameras, frames: Sequence[int] | None) -> tuple[int, ...]:
-    """Choose the frames asked for, or those selected, in which two views show enough keypoints."""
-    asked = tuple(sorted(set(capture.selected_frames or () if frames is None else frames)))
-    beyond = [frame for frame in asked if not 0 <= frame < capture.num_frames]
+def usable_frames(capture: Capture, cameras: Cameras, frames: Sequence[int]) -> tuple[int, ...]:
+    """Choose those of the frames in which two views show enough keypoints to fit a character."""
+    beyond = [frame for frame in frames if not 0 <= frame < capture.num_frames]
     if beyond:
         raise InputError(
             f"capture '{capture.name}' has no frame {beyond[0]}; its frames are 0 to {capture.num_frames - 1}."
         )
     usable = []
-    for frame in asked:
+    for frame in frames:
         keypoints = _keypoints(capture, frame)
         if sum(points is not None for points in keypoints) >= 2:
             _, known = triangulated(cameras.at(frame), keypoints)
             usable += [frame] * bool(known.sum() >= FEWEST_POINTS)
-    if len(usable) < FEWEST_FRAMES:
-        listed = f" ({', '.join(map(str, asked))})" if asked else ""
-        raise InputError(
-            f"capture '{capture.name}': {len(usable)} of the {len(asked)} frames to fit at{listed} have "
-            f"{FEWEST_POINTS} or more keypoints in two views, but fitting a character needs {FEWEST_FRAMES} such "
-            "frames; add keypoint files, or choose other frames with --at."
-        )
     return tuple(usable)
 
 

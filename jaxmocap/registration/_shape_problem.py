@@ -1,6 +1,7 @@
 """Body shape, detector offsets and one pose per frame as one least-squares problem."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -24,6 +25,7 @@ from jaxmocap.character import (
     retract,
     scaled,
     skin,
+    stature,
 )
 from jaxmocap.energies import ContourSettings, LandmarkRays, LineResidual, SurfaceLines, bend, contour_lines
 from jaxmocap.observation import FrameProblem, build_problem, draw, frame_rectangle, mask_edges, surface_of
@@ -47,6 +49,7 @@ class ShapePrior(eqx.Module):
 
     Attributes:
         height: of the whole body; about 4 % within a sex.
+        measured: of the height where it is known: what shoes, posture and a tape measure leave open.
         length: of a bone; about 5 %.
         extremity: of head, hand and foot.
         girth: of a girth; about 10 %.
@@ -58,6 +61,7 @@ class ShapePrior(eqx.Module):
     """
 
     height: Scalar = knob(0.06)
+    measured: Scalar = knob(0.005)
     length: Scalar = knob(0.05)
     extremity: Scalar = knob(0.03)
     girth: Scalar = knob(0.10)
@@ -71,12 +75,14 @@ class ShapePrior(eqx.Module):
 class FramesSeen(eqx.Module):
     """What is seen of the body, each leaf with a leading frame axis; `base` are the poses that increments start from.
 
-    `contours` are points of the mesh tied to the outlines of masks, with the scales of `LineResidual`, or None.
+    `contours` are points of the mesh tied to the outlines of masks in the frames `outlined`, with the scales of
+    `LineResidual`, or None.
     """
 
     base: Pose
     rays: LandmarkRays
-    contours: tuple[SurfaceLines, Float[Array, "frame row"], Float[Array, "frame row"]] | None = None
+    contours: tuple[SurfaceLines, Float[Array, "outlined row"], Float[Array, "outlined row"]] | None = None
+    outlined: tuple[int, ...] = eqx.field(static=True, default=())
 
 
 class Unknowns(eqx.Module):
@@ -88,11 +94,15 @@ class Unknowns(eqx.Module):
 
 
 class ShapeProblem(eqx.Module):
-    """Shape and offsets in standard deviations, then an increment per frame: one vector for a refiner."""
+    """Shape and offsets in standard deviations, then an increment per frame: one vector for a refiner.
+
+    `height` is how tall the person is, metres; None where nobody has measured it.
+    """
 
     character: Character
     seen: FramesSeen
     prior: ShapePrior
+    height: Scalar | None = None
 
     @property
     def num_shared(self) -> int:
@@ -105,42 +115,88 @@ class ShapeProblem(eqx.Module):
 
     def unknowns(self, vector: Float[Array, "unknown"]) -> Unknowns:
         """Split the vector into its parts in metres, radians and logarithms."""
-        prior = self.prior
-        height, lengths, girths, offsets, deltas = jnp.split(
-            vector, np.cumsum([1, len(LENGTHS), len(GIRTHS), 3 * len(OFFSETS)])
-        )
-        least = np.isin(LENGTHS, ("head", "hand", "foot"))
-        lengths = jnp.where(least, prior.extremity, prior.length) * lengths
-        girths = prior.coupling * jnp.matmul(_coupling(), lengths, precision="highest") + prior.girth * girths
-        shape = BodyShape(prior.height * height[0], lengths, girths)
-        return Unknowns(
-            shape, prior.offset * offsets.reshape(-1, 3), deltas.reshape(-1, self.character.skeleton.num_dofs)
-        )
+        return self._named(*self._split(vector))
 
     def poses(self, unknowns: Unknowns, character: Character) -> Pose:
         """Compute the pose of every frame."""
         return jax.vmap(lambda pose, delta: retract(character.skeleton, pose, delta))(self.seen.base, unknowns.deltas)
 
     def residual(self, vector: Float[Array, "unknown"]) -> Float[Array, "row"]:
-        """Compute the residual of keypoints, contours and posture of all frames.
+        """Compute the residual of keypoints, contours and posture of all frames, and of the height where it is known.
 
         The priors on the vector itself are left to the refiner.
         """
-        unknowns = self.unknowns(vector)
-        character = scaled(self.character, unknowns.shape)
-        skeleton = character.skeleton
-        poses = self.poses(unknowns, character)
+        shared, deltas = self._split(vector)
+        parts = [
+            jax.vmap(rows, in_axes=(None, 0, 0, 0))(shared, deltas[frames], base, seen).reshape(-1)
+            for rows, frames, base, seen in self._blocks()
+        ]
+        return jnp.concatenate([*parts, self._height_row(shared)])
 
-        def frame(pose: Pose, seen: LandmarkRays) -> tuple[Array, Array]:
-            points = detector_points(skeleton, pose, unknowns.offsets)
-            return seen.of(points), bend(skeleton, pose.angles) / self.prior.posture
+    def jacobian(self, vector: Float[Array, "unknown"]) -> Float[Array, "row unknown"]:
+        """Differentiate the residual.
 
-        rows = [part.reshape(-1) for part in jax.vmap(frame)(poses, self.seen.rays)]
+        A frame's rows depend on what all frames share and on its own pose, so a frame costs as much alone as among
+        others.
+        """
+        shared, deltas = self._split(vector)
+        parts = []
+        for rows, frames, base, seen in self._blocks():
+            slopes = jax.vmap(jax.jacfwd(rows, argnums=(0, 1)), in_axes=(None, 0, 0, 0))
+            by_shared, by_own = slopes(shared, deltas[frames], base, seen)
+            count, height, _ = by_own.shape
+            spread = jnp.zeros((count, height, *deltas.shape)).at[np.arange(count), :, frames].set(by_own)
+            parts.append(
+                jnp.concatenate([by_shared, spread.reshape(count, height, -1)], -1).reshape(count * height, -1)
+            )
+        last = jax.jacfwd(self._height_row)(shared)
+        return jnp.concatenate([*parts, jnp.pad(last, ((0, 0), (0, deltas.size)))])
+
+    def _split(self, vector: Float[Array, "unknown"]) -> tuple[Float[Array, "shared"], Float[Array, "frame dof"]]:
+        shared, deltas = jnp.split(vector, [self.num_shared])
+        return shared, deltas.reshape(-1, self.character.skeleton.num_dofs)
+
+    def _named(self, shared: Float[Array, "shared"], deltas: Float[Array, "frame dof"]) -> Unknowns:
+        prior = self.prior
+        height, lengths, girths, offsets = jnp.split(shared, np.cumsum([1, len(LENGTHS), len(GIRTHS)]))
+        least = np.isin(LENGTHS, ("head", "hand", "foot"))
+        lengths = jnp.where(least, prior.extremity, prior.length) * lengths
+        girths = prior.coupling * jnp.matmul(_coupling(), lengths, precision="highest") + prior.girth * girths
+        shape = BodyShape(prior.height * height[0], lengths, girths)
+        return Unknowns(shape, prior.offset * offsets.reshape(-1, 3), deltas)
+
+    def _blocks(self) -> list[tuple[Callable[..., Array], np.ndarray, Pose, Any]]:
+        """Kinds of rows: a function of what is shared, a frame's increment, its base and what is seen of it; and the
+        frames that have them."""
+        every = np.arange(self.seen.base.angles.shape[0])
+        blocks: list[tuple[Callable[..., Array], np.ndarray, Pose, Any]] = [
+            (self._keypoint_rows, every, self.seen.base, self.seen.rays)
+        ]
         if self.seen.contours is not None:
-            still = jnp.zeros(skeleton.num_dofs)
-            outline = lambda pose, *lines: LineResidual(character, pose, *lines)(still)  # noqa: E731
-            rows.append(jax.vmap(outline)(poses, *self.seen.contours).reshape(-1))
-        return jnp.concatenate(rows)
+            frames = np.array(self.seen.outlined)
+            blocks.append(
+                (self._contour_rows, frames, jax.tree.map(lambda x: x[frames], self.seen.base), self.seen.contours)
+            )
+        return blocks
+
+    def _keypoint_rows(self, shared: Array, delta: Array, base: Pose, seen: LandmarkRays) -> Float[Array, "row"]:
+        unknowns = self._named(shared, delta)
+        skeleton = scaled(self.character, unknowns.shape).skeleton
+        pose = retract(skeleton, base, delta)
+        points = detector_points(skeleton, pose, unknowns.offsets)
+        return jnp.concatenate([seen.of(points).reshape(-1), bend(skeleton, pose.angles) / self.prior.posture])
+
+    def _contour_rows(
+        self, shared: Array, delta: Array, base: Pose, seen: tuple[SurfaceLines, Array, Array]
+    ) -> Float[Array, "row"]:
+        character = scaled(self.character, self._named(shared, delta).shape)
+        return LineResidual(character, base, *seen)(delta)
+
+    def _height_row(self, shared: Float[Array, "shared"]) -> Float[Array, "row"]:
+        if self.height is None:
+            return jnp.zeros(0)
+        character = scaled(self.character, self._named(shared, jnp.zeros(0)).shape)
+        return jnp.log(stature(character) / self.height)[None] / self.prior.measured
 
     def refine_problem(self) -> RefineProblem:
         """Express the priors as a box and a pull towards zero, and the joint limits."""
@@ -154,6 +210,7 @@ class ShapeProblem(eqx.Module):
         )
         return RefineProblem(
             residual=self.residual,
+            jacobian=self.jacobian,
             prior=jnp.zeros(self.num_shared + frames * skeleton.num_dofs),
             lower=jnp.concatenate([-shared, lower]),
             upper=jnp.concatenate([shared, upper]),

@@ -1,7 +1,7 @@
 """Bare meshes become characters: repair, skeleton embedding and skinning weights (Sec. 3.1)."""
 
 from ._bind import turned_out as turned_out
-from ._body import body as body
+from ._body import body as body, check_height as check_height
 from ._picture_cameras import (
     CAMERAS_FILE as CAMERAS_FILE,
     mesh_for_pictures as mesh_for_pictures,

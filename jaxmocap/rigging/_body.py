@@ -5,10 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from jaxmocap._results import InputError
-from jaxmocap.character import GIRTHS, LENGTHS, BodyShape, Character, scaled, simplify
+from jaxmocap.character import GIRTHS, LENGTHS, BodyShape, Character, scaled, simplify, stature
 from jaxmocap.synthetic import make_actor
 
 from ._anny import Anny, anny_skin
@@ -44,8 +42,8 @@ def body(
     "shape44", standard deviations. Raises `InputError` for other names, for numbers that make no person, and where
     package or files are missing.
     """
-    if height is not None and not _HEIGHTS[0] <= height <= _HEIGHTS[1]:
-        raise InputError(f"height is {height:g} m; {_HEIGHTS[0]} to {_HEIGHTS[1]} m was expected.")
+    if height is not None:
+        check_height(height)
     shape = BodyShape.of(0.0, _logarithms("length", lengths, LENGTHS), _logarithms("girth", girths, GIRTHS))
     if num_faces < _FEWEST:
         raise InputError(f"{num_faces} triangles were asked for; at least {_FEWEST} make a person.")
@@ -64,13 +62,15 @@ def body(
         plain = make_actor(height)
     else:
         raise InputError(f"{model!r} is no body model; use built-in, anny or mhr.")
-    wanted = _tall(plain) if height is None else height
+    wanted = float(stature(plain)) if height is None else height
     character = scaled(plain, shape)
-    return scaled(character, BodyShape.of(math.log(wanted / _tall(character))))
+    return scaled(character, BodyShape.of(math.log(wanted / float(stature(character)))))
 
 
-def _tall(character: Character) -> float:
-    return float(np.ptp(np.asarray(character.vertices)[:, 1]))
+def check_height(height: float) -> None:
+    """Raise `InputError` for a height in metres that no person has."""
+    if not _HEIGHTS[0] <= height <= _HEIGHTS[1]:
+        raise InputError(f"height is {height:g} m; {_HEIGHTS[0]} to {_HEIGHTS[1]} m was expected.")
 
 
 def _logarithms(kind: str, factors: Mapping[str, float] | None, names: tuple[str, ...]) -> dict[str, float]:

@@ -10,7 +10,7 @@ import pytest
 from small_captures import MATRIX, PERSON, POSES, SIZE, write_keypoints
 
 from jaxmocap._results import InputError
-from jaxmocap.capture import Capture, Detections, check, choose_frames, content_hash, folder_hash
+from jaxmocap.capture import Capture, Detections, check, choose_frames, content_hash, path_hash
 from jaxmocap.detection import BODY_25, LAYOUTS, read_people
 
 FRAMES = (0, 6)
@@ -188,7 +188,7 @@ def test_check_and_the_choice_of_frames_take_them_as_they_take_our_own(filmed: P
 def test_a_changed_file_is_read_again_and_changes_both_hashes(filmed: Path, program: str):
     PROGRAMS[program][1](filmed / "keypoints")
     capture = Capture.open(filmed)
-    before = capture.keypoints(0, 6), content_hash(capture), folder_hash(filmed / "keypoints")
+    before = capture.keypoints(0, 6), content_hash(capture), path_hash(filmed / "keypoints")
     before[0][:] = -1.0  # a caller's own copy
     assert (capture.keypoints(0, 6)[:, :2] > 0).all()
     files = (file for file in (filmed / "keypoints").rglob("*.json") if "film_cam0" in str(file))
@@ -196,7 +196,7 @@ def test_a_changed_file_is_read_again_and_changes_both_hashes(filmed: Path, prog
     file.write_text(file.read_text().replace("0.9", "0.7"))
     assert capture.keypoints(0, 6)[0, 2] == 0.7
     assert content_hash(capture) != before[1]
-    assert folder_hash(filmed / "keypoints") != before[2]
+    assert path_hash(filmed / "keypoints") != before[2]
 
 
 def test_the_video_s_name_counts_only_where_it_is_one_camera_s(small: Path):

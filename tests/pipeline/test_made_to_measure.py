@@ -1,0 +1,134 @@
+"""A capture without an actor: the built-in body is made to the measure of the person filmed, whose bones are known."""
+
+import json
+import shutil
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmocap._cli import run
+from jaxmocap._results import InputError
+from jaxmocap.camera import project
+from jaxmocap.capture import KEYPOINT_NAMES, Capture
+from jaxmocap.character import BodyShape, bone_lengths, landmark_positions, scaled, stature
+from jaxmocap.pipeline import character_of, no_actor
+from jaxmocap.registration import fit_character
+from jaxmocap.rigging import body
+from jaxmocap.synthetic import make_capture, write_capture
+
+FRAMES = (0, 1, 2, 3)
+
+
+@pytest.fixture(scope="module")
+def filmed():
+    return make_capture(len(FRAMES), (192, 108), 2, fps=2.0, selected_frames=FRAMES)
+
+
+@pytest.fixture(scope="module")
+def folder(filmed, tmp_path_factory) -> Path:
+    """Four poses half a second apart, with exact keypoints and without actor, masks and selected frames."""
+    folder = write_capture(filmed, tmp_path_factory.mktemp("unnamed") / "capture")
+    toml = (folder / "capture.toml").read_text()
+    left_out = ("actor", "masks", "selected_frames")
+    lines = [line for line in toml.splitlines() if not line.startswith(left_out)]
+    (folder / "capture.toml").write_text("\n".join(lines) + "\n")
+    skeleton = filmed.character.skeleton
+    for frame in FRAMES:
+        at = dict(zip(skeleton.landmark_names, np.array(landmark_positions(skeleton, filmed.pose(frame))), strict=True))
+        at["pelvis"], at["neck"] = at["mid_hip"], at["mid_shoulder"]
+        points, view = jnp.asarray([at[name] for name in KEYPOINT_NAMES], jnp.float32), filmed.cameras.at(frame)
+        for camera in range(2):
+            pixels, _ = project(view.intrinsics[camera], view.cam_from_world[camera], points)
+            values = np.concatenate([np.asarray(pixels), np.full((25, 1), 0.8)], 1).ravel().tolist()
+            file = folder / "keypoints" / f"cam{camera}_{frame:05d}_keypoints.json"
+            file.write_text(json.dumps({"people": [{"pose_keypoints_2d": values}]}))
+    return folder
+
+
+def spoilt(folder: Path, to: Path, *edits: tuple[str, str], frames: int = 9) -> Capture:
+    """A copy with another `capture.toml` and keypoints at so many frames alone."""
+    copy = Path(shutil.copytree(folder, to / "copy"))
+    text = (copy / "capture.toml").read_text()
+    for before, after in edits:
+        assert before in text
+        text = text.replace(before, after)
+    (copy / "capture.toml").write_text(text)
+    for file in (copy / "keypoints").iterdir():
+        if int(file.name.split("_")[1]) >= frames:
+            file.unlink()
+    return Capture.open(copy)
+
+
+def test_a_height_that_is_known_is_kept_whatever_the_start(folder, filmed):
+    """Of bodies that differ in size and proportions, for the height is the person's, not the start's."""
+    tall = float(stature(filmed.character))
+    capture = Capture.open(folder)
+    generic = scaled(filmed.character, BodyShape.of(0.2, {"thigh": 0.05, "torso": -0.05}))
+    fit = fit_character(capture, capture.cameras, generic, FRAMES, height=tall)
+    found, truth = (bone_lengths(one.skeleton) for one in (fit.character, filmed.character))
+    assert float(stature(fit.character)) == pytest.approx(tall, rel=0.01)
+    assert max(abs(float(found[name] / truth[name]) - 1) for name in ("thigh", "shank", "forearm")) < 0.03
+    again = scaled(generic, fit.shape)
+    np.testing.assert_allclose(again.vertices, fit.character.vertices, atol=5e-3)
+
+
+@pytest.mark.slow
+def test_the_body_is_made_of_keypoints_and_outlines_and_kept(folder, filmed, tmp_path, monkeypatch):
+    said: list[str] = []
+    steps: list[tuple] = []
+    make = lambda: character_of(  # noqa: E731
+        Capture.open(folder),
+        height=float(stature(filmed.character)),
+        say=said.append,
+        progress=lambda *s: steps.append(s),
+    )
+    made = make()
+    assert made.record is not None
+    assert made.record["frames"] == list(FRAMES)
+    assert made.record["keypoint_error_m"] < 0.01
+    assert "made to measure at 4 frames" in said[0]
+    found, truth = (bone_lengths(one.skeleton) for one in (made.character, filmed.character))
+    assert max(abs(float(found[name] / truth[name]) - 1) for name in ("thigh", "shank", "upper_arm")) < 0.06
+    assert {stage for stage, _, _ in steps} == {"body: poses", "body: shape", "body: outlines"}
+    count = len(steps)
+    assert np.array_equal(make().character.vertices, made.character.vertices)
+    assert len(steps) == count  # taken from the cache
+
+
+def test_one_camera_is_given_the_built_in_body_of_the_height_said(folder, tmp_path):
+    text = (folder / "capture.toml").read_text()
+    second = text[text.rindex("[[camera]]") :]
+    capture = spoilt(folder, tmp_path, (second, ""))
+    said: list[str] = []
+    made = character_of(capture, height=1.6, say=said.append)
+    assert np.array_equal(made.character.vertices, body(1.6).vertices)
+    assert said == [
+        "The built-in body, 1.60 m tall, stands for the person: one camera does not tell how long a person's limbs are."
+    ]
+    with pytest.raises(InputError, match=r"names no actor, .* one camera does not tell .* --height METRES"):
+        character_of(capture)
+
+
+@pytest.mark.parametrize(("frames", "words"), [(0, "no frame has keypoints"), (2, "only 2 frames have keypoints")])
+def test_keypoints_at_too_few_frames_need_a_height(frames, words, folder, tmp_path):
+    capture = spoilt(folder, tmp_path, frames=frames)
+    with pytest.raises(InputError, match=f"{words} in two views, and 3 such frames are needed.*--height METRES"):
+        character_of(capture)
+    assert float(stature(character_of(capture, height=1.9).character)) == pytest.approx(1.9, abs=1e-3)
+    assert no_actor(capture).severity == "warning"
+
+
+def test_a_height_beside_an_actor_and_one_of_nobody_are_refused(folder, tmp_path):
+    with pytest.raises(InputError, match=r"height is 18 m; 0.5 to 2.5 m was expected"):
+        character_of(Capture.open(folder), height=18)
+    with pytest.raises(InputError, match=r"a height is given \(1.8 m\).*leave one of them out"):
+        character_of(Capture.open(folder), folder / "actor.glb", 1.8)
+
+
+def test_check_says_that_a_body_is_made(folder, capsys):
+    assert run(["check", str(folder), "--json"]) == 0
+    found = [one for one in json.loads(capsys.readouterr().out) if one["where"] == "actor"]
+    assert [one["severity"] for one in found] == ["note"]
+    assert "the built-in body is made to measure at frames 0, 1, 2, 3" in found[0]["message"]
