@@ -59,6 +59,7 @@ from .viewers import (
     write_rerun as write_rerun,
 )
 from jaxmocap.pipeline import track_capture as track_capture
+from jaxmocap.pipeline import RunResult as RunResult, run as run
 from jaxmocap.pipeline import Diagnosis as Diagnosis
 from jaxmocap.pipeline import doctor as doctor
 from .experiments import Benchmark as Benchmark, bench as bench

@@ -60,7 +60,7 @@ def calibrate(
     A list of videos with --out is synchronised first, and becomes a new capture; --camera-distance tells its scale."""
     from jaxmocap.pipeline import calibrate
 
-    lengths = _focal_lengths(focal)
+    lengths = focal_lengths(focal)
     with progress() as report:
         calibration = calibrate(
             capture,
@@ -81,7 +81,8 @@ def calibrate(
     return 0
 
 
-def _focal_lengths(texts: tuple[str, ...]) -> dict[str, float]:
+def focal_lengths(texts: tuple[str, ...]) -> dict[str, float]:
+    """Read `--focal CAMERA=PIXELS ...` as a dictionary."""
     found = {}
     for text in texts:
         name, _, value = text.partition("=")

@@ -27,6 +27,7 @@ from ._refine_cameras import refine_cameras
 from ._register import register
 from ._report_page import report_page
 from ._rig import rig
+from ._run_videos import run_videos
 from ._segment import segment
 from ._sync import sync
 from ._track import track
@@ -38,6 +39,7 @@ YOUR_INPUT, INTERRUPTED = 2, 130
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 _COMMANDS = {
+    "run": run_videos,
     "demo": demo,
     "check": check,
     "sync": sync,

@@ -11,6 +11,8 @@ from ._detect import DETECTION_REPORT as DETECTION_REPORT, FoundKeypoints as Fou
 from ._doctor import EXTRAS as EXTRAS, Diagnosis as Diagnosis, doctor as doctor
 from ._made_to_measure import MadeBody as MadeBody, character_of as character_of, no_actor as no_actor
 from ._register_and_learn import fit_capture_appearance as fit_capture_appearance
+from ._run import RunResult as RunResult, run as run
+from ._run_plan import PlannedStage as PlannedStage
 from ._synchronise import sync as sync
 from ._track_capture import (
     open_character as open_character,

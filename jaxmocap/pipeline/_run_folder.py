@@ -45,7 +45,7 @@ def run_folder(out: Path, *, resume: bool = False) -> Iterator[RunFolder]:
     check_output(out, keep=keep)
     created = not out.exists()
     try:
-        with _only_run(checkpoint, out):
+        with only_run(checkpoint, out):
             if unfinished and not resume:
                 raise InputError(
                     f"the folder {out} holds an unfinished run; go on with --resume (resume=True), choose another "
@@ -61,7 +61,7 @@ def run_folder(out: Path, *, resume: bool = False) -> Iterator[RunFolder]:
 
 
 @contextlib.contextmanager
-def _only_run(folder: Path, out: Path) -> Iterator[None]:
+def only_run(folder: Path, out: Path) -> Iterator[None]:
     """Hold a folder, which is made if need be, for this process. The system lets go when a process dies, however it
     dies; an empty folder is taken away at the end."""
     lock = FileLock(folder / _LOCK, timeout=_PATIENCE, fallback_to_soft=False)

@@ -1,0 +1,173 @@
+"""`jaxmocap run`: videos in, a motion out."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+from rich.table import Table
+
+from jaxmocap._results import InputError
+
+from ._arguments import Json, Seed
+from ._calibrate import focal_lengths
+from ._output import progress, say, show
+from ._track import report_trust, summary
+
+if TYPE_CHECKING:
+    from jaxmocap.pipeline import PlannedStage
+
+
+def run_videos(
+    videos: Annotated[
+        tuple[Path, ...],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="VIDEO", help="Two or three videos of the same moment; or one.", help_behavior_hint=""),
+    ],
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="New folder for everything; an earlier run in it goes on.")],
+    height: Annotated[
+        float | None,
+        tyro.conf.arg(metavar="METRES", help="How tall the person is, which tells the scale.", help_behavior_hint=""),
+    ] = None,
+    camera_distance: Annotated[
+        float | None,
+        tyro.conf.arg(
+            metavar="METRES",
+            help="Metres between the first two cameras at their first shared frame, instead of the person's height.",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    focal: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="CAMERA=PIXELS ...",
+            help="Focal lengths to keep; a camera is called like its video.",
+            help_behavior_hint="(default: found)",
+        ),
+    ] = (),
+    frames: Annotated[
+        str | None,
+        tyro.conf.arg(
+            metavar="A:B",
+            help="Track only frames A to B - 1 of those the videos share; either may be left out.",
+            help_behavior_hint="(default: all)",
+        ),
+    ] = None,
+    quality: Annotated[
+        Literal["draft", "normal", "paper"],
+        tyro.conf.arg(help="A quick look, the best accuracy per second, or the published method and budget."),
+    ] = "normal",
+    actor: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="Scan of the person (OBJ, PLY, GLB), or a character.",
+            help_behavior_hint="(default: a body is made to measure)",
+        ),
+    ] = None,
+    person: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="CAMERA=X,Y ...",
+            help="Pixel on the person in the first picture, where several are seen.",
+            help_behavior_hint="(default: the largest)",
+        ),
+    ] = (),
+    weights: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="PATH",
+            help="The detector's networks, for a machine without a network.",
+            help_behavior_hint="(default: downloaded once)",
+        ),
+    ] = None,
+    keypoints: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="DIR",
+            help="Keypoints of another detector, instead of looking for the person.",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    static: Annotated[
+        bool, tyro.conf.arg(help="The cameras stand on tripods.", help_behavior_hint="(default: told by the videos)")
+    ] = False,
+    detections: Annotated[
+        bool, tyro.conf.arg(help="Let keypoints count beside the pixels while tracking.", help_behavior_hint="")
+    ] = True,
+    seed: Seed = 0,
+    json: Json = False,
+) -> int:
+    """Make a motion of videos: synchronise, find the person, calibrate, make a body to measure, track, report.
+
+    What every stage makes is kept in DIR/capture, to be looked at and corrected; the same command goes on from the
+    first stage whose inputs changed. Exits with 3 if not every frame is to be trusted."""
+    from jaxmocap.pipeline import run
+
+    with progress() as report:
+        result = run(
+            videos,
+            out,
+            height=height,
+            camera_distance=camera_distance,
+            focal=focal_lengths(focal),
+            frames=open_span(frames),
+            quality=quality,
+            actor=actor,
+            person=_pixels(person),
+            weights=weights,
+            keypoints=keypoints,
+            static=True if static else None,
+            detections=detections,
+            seed=seed,
+            plan=lambda planned: say_plan(planned, out),
+            say=say,
+            progress=report,
+        )
+    found = summary(result.motion)
+    record = {"out": out, "capture": result.capture, "result": result.folder, "report": result.report, **found}
+    seconds = {name: round(took, 1) for name, took in result.seconds.items()}
+    show({**record, "seconds": seconds}, lambda: _table(seconds, found, result.report), json_wanted=json)
+    return report_trust(result.motion)
+
+
+def say_plan(planned: "list[PlannedStage]", out: Path) -> None:
+    """Tell what will be done, stage by stage."""
+    say(f"{out}:")
+    for number, stage in enumerate(planned, 1):
+        say(f"  {number}. {stage}")
+
+
+def open_span(text: str | None) -> tuple[int | None, int | None] | None:
+    """Read `A:B`, of a number of frames that is not known yet; None for all."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*(\d*)\s*:\s*(\d*)\s*", text)
+    if found is None or (found[1] and found[2] and int(found[1]) >= int(found[2])):
+        raise InputError(f"--frames is {text!r}; A:B with A < B was expected, such as 10:40, 10: or :40.")
+    return (int(found[1]) if found[1] else None), (int(found[2]) if found[2] else None)
+
+
+def _pixels(texts: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    found = {}
+    for text in texts:
+        name, _, place = text.partition("=")
+        try:
+            x, y = (float(part) for part in place.split(","))
+        except ValueError:
+            raise InputError(f"--person has {text!r}; CAMERA=X,Y was expected, such as cam0=430,250.") from None
+        found[name] = (x, y)
+    return found
+
+
+def _table(seconds: dict[str, float], found: dict[str, float], report: Path) -> Table:
+    sentence = (
+        f"{found['frames']} frames, {found['trusted_frames']} to be trusted, {found['lost_frames']} lost, "
+        f"{found['doubtful_frames']} doubtful.\nOpen {report}"
+    )
+    table = Table(title_justify="left", caption=sentence, caption_justify="left", min_width=40)
+    table.add_column("Stage")
+    table.add_column("seconds", justify="right")
+    for name, took in seconds.items():
+        table.add_row(name, f"{took:.0f}")
+    return table

@@ -1,0 +1,123 @@
+"""Videos in, a motion out: every stage from the first on that is not done yet, or whose inputs have changed."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxmocap._results import InputError
+from jaxmocap._types import Quality
+from jaxmocap.motion import Motion
+
+from ._run_folder import finished, only_run
+from ._run_options import RunOptions, examine
+from ._run_plan import PlannedStage, done_before, given_by_hand, plan_of
+from ._run_record import RunRecord
+from ._run_stages import RunWork, Stage
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run ends with.
+
+    Attributes:
+        motion: of the person
+        capture: folder of the capture, with what every stage made
+        folder: of the result
+        report: the page to look at first
+        seconds: of the stages that were done in this run, by name
+    """
+
+    motion: Motion
+    capture: Path
+    folder: Path
+    report: Path
+    seconds: dict[str, float]
+
+
+def run(
+    videos: Sequence[str | Path],
+    out: str | Path,
+    *,
+    height: float | None = None,
+    camera_distance: float | None = None,
+    focal: Mapping[str, float] | None = None,
+    frames: tuple[int | None, int | None] | None = None,
+    quality: Quality = "normal",
+    actor: str | Path | None = None,
+    person: Mapping[str, tuple[float, float]] | None = None,
+    weights: str | Path | None = None,
+    keypoints: str | Path | None = None,
+    static: bool | None = None,
+    detections: bool = True,
+    seed: int = 0,
+    plan: Callable[[list[PlannedStage]], None] = lambda planned: None,
+    say: Callable[[str], None] = lambda sentence: None,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> RunResult:
+    """Make a motion of videos: synchronise, find the person, calibrate, make a body to measure, track, report.
+
+    `out` is a new folder, or that of an earlier run of the same videos, which goes on from the first stage whose inputs
+    changed. What the stages make lies in `out/capture`, an ordinary capture folder: correct it there, and run again. A
+    line of its `capture.toml` that was changed by hand is never overwritten. Results lie in `out/result`, later ones in
+    `out/result-2` and so on.
+
+    `height` is the person's, `camera_distance` that of the first two cameras at their first shared frame, both in
+    metres; one of them, or an `actor` (a scan or a character), tells the scale. `focal` lengths in pixels, by camera,
+    are kept. `frames` (A, B) are A to B - 1 of the shared ones; None leaves an end open. `person` are pixels on the
+    person in the first picture, by camera; `weights` a detector's networks; `keypoints` a folder of another detector's
+    files; `static` says whether cameras stand still, where the videos should not. With `detections` keypoints count
+    beside the pixels while tracking. With one video the camera is taken to stand still and level.
+
+    `plan` is told first what will be done, `say` what is assumed. Raises `InputError` for what cannot be used, before
+    anything is done where that can be known, else naming the stage; what the stages before it made stays.
+    """
+    options = RunOptions(
+        height=height,
+        camera_distance=camera_distance,
+        focal=dict(focal or {}),
+        frames=frames or (None, None),
+        quality=quality,
+        actor=_path(actor),
+        person=dict(person or {}),
+        weights=_path(weights),
+        keypoints=_path(keypoints),
+        static=static,
+        detections=detections,
+        seed=seed,
+    )
+    out = Path(out)
+    record = RunRecord(out)
+    work = RunWork(examine(videos, options), out, options, record, say, progress)
+    took: dict[str, float] = {}
+    with only_run(out, out):
+        plan(plan_of(work))
+        for stage in work.stages():
+            if given_by_hand(work, stage):
+                say(f"{stage.name}: {stage.line} is as capture.toml says.")
+                continue
+            if done_before(work, stage) and (stage.name != "track" or finished(out / str(record.made("track")))):
+                continue
+            begin = time.perf_counter()
+            made, inputs = _done(work, stage)
+            took[stage.name] = time.perf_counter() - begin
+            record.set(stage.name, inputs, made, took[stage.name])
+    folder, motion = work.result()
+    return RunResult(motion, work.folder, folder, folder / "report.html", took)
+
+
+def _path(path: str | Path | None) -> Path | None:
+    return None if path is None else Path(path)
+
+
+def _done(work: RunWork, stage: Stage) -> tuple[object, object]:
+    """Do a stage; what it wrote, and of what. What it is made of is asked first, for it may change that itself."""
+    try:
+        inputs = stage.inputs()
+        return stage.do(), inputs
+    except InputError as error:
+        kept = f"; what was done before is kept in {work.folder}, and the same command goes on from there"
+        raise InputError(
+            f"stage '{stage.name}' failed: {str(error).rstrip('.')}. What you can do: {stage.advice}"
+            f"{kept if work.folder.is_dir() else ''}."
+        ) from error

@@ -1,0 +1,79 @@
+"""What a run is told, and what of it is wrong before anything is done."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from jaxmocap._results import InputError
+from jaxmocap._types import Quality
+from jaxmocap.capture import VideoIndex, index_video
+from jaxmocap.rigging import check_height
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run is told beside its videos.
+
+    Attributes:
+        height: of the person, metres; None: not known
+        camera_distance: metres between the first two cameras at their first shared frame; None: not known
+        focal: pixels, by camera
+        frames: (first, behind the last) of the shared frames to track; None for an end that is left open
+        quality: preset of the tracker
+        actor: the person's mesh or character; None: the built-in body is made to measure
+        person: pixel on the person in the first picture, by camera
+        weights: a detector's networks, for a machine without a network
+        keypoints: folder of a detector's files, instead of looking for the person
+        static: whether the cameras stand still; None: told by the videos
+        detections: whether keypoints count beside the pixels while tracking
+        seed: of all random numbers
+    """
+
+    height: float | None = None
+    camera_distance: float | None = None
+    focal: Mapping[str, float] = field(default_factory=dict)
+    frames: tuple[int | None, int | None] = (None, None)
+    quality: Quality = "normal"
+    actor: Path | None = None
+    person: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    weights: Path | None = None
+    keypoints: Path | None = None
+    static: bool | None = None
+    detections: bool = True
+    seed: int = 0
+
+
+def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoIndex]:
+    """Open the videos of a run, and refuse what cannot work before anything is done.
+
+    Raises `InputError` for a video that cannot be read or is given twice, for numbers that nobody's body or cameras
+    have, for files that are not there, and where nothing tells the scale.
+    """
+    if not videos:
+        raise InputError("no video is given; give one, or better two or three of the same moment")
+    indices = [index_video(Path(video)) for video in videos]
+    paths = [index.path.resolve() for index in indices]
+    twice = next((path for path in paths if paths.count(path) > 1), None)
+    if twice is not None:
+        raise InputError(f"{twice} is given twice; give every video once")
+    if options.height is not None:
+        check_height(options.height)
+    for what, path in (("actor", options.actor), ("weights", options.weights), ("keypoints", options.keypoints)):
+        if path is not None and not path.exists():
+            raise InputError(f"--{what} {path} does not exist")
+    if options.keypoints is not None and not options.keypoints.is_dir():
+        raise InputError(f"--keypoints {options.keypoints} is a file; the folder of a detector's files was expected")
+    if len(videos) == 1:
+        if options.height is None and options.actor is None:
+            raise InputError(
+                "one video does not tell how large the person is: say it with --height METRES, or give a scan of the "
+                "person with --actor"
+            )
+        if options.camera_distance is not None:
+            raise InputError("--camera-distance is given, but there is one camera; leave it out")
+    elif options.height is None and options.camera_distance is None and options.actor is None:
+        raise InputError(
+            "videos alone do not tell how large anything is: say how tall the person is with --height METRES, or how "
+            "far the first two cameras stand apart with --camera-distance METRES"
+        )
+    return indices

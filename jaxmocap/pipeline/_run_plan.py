@@ -1,0 +1,96 @@
+"""What a run will do and about how long it takes, before it begins."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from ._run_stages import RunWork, Stage
+
+State = Literal["to do", "again", "done", "given"]
+
+_PER_PICTURE = {"synchronise": 0.05, "detect": 0.15, "calibrate": 0.5}
+_ONCE = {"capture": 1.0, "calibrate": 20.0, "body": 120.0, "selected frames": 2.0, "track": 90.0}
+_PER_TRACKED = {"draft": 1.0, "normal": 2.0, "paper": 20.0}
+"""Seconds, measured on two cores with pictures of 960 x 540."""
+
+
+@dataclass(frozen=True)
+class PlannedStage:
+    """What comes of one stage.
+
+    Attributes:
+        name: of the stage
+        what: it does
+        state: "done" before of the same inputs, "given" by hand in `capture.toml`, "to do", or "again" since something
+            it is made of has changed
+        seconds: it takes, roughly
+    """
+
+    name: str
+    what: str
+    state: State
+    seconds: float
+
+    def __str__(self) -> str:
+        time = f"about {_spoken(self.seconds)}" if self.state in ("to do", "again") else ""
+        return f"{self.name}: {', '.join(part for part in (self.what, self.state, time) if part)}"
+
+
+def plan_of(work: RunWork) -> list[PlannedStage]:
+    """Say of every stage what will come of it, as far as that is known: behind the first that has to be done, all that
+    are not given are to be done."""
+    planned, open_end = [], False
+    for stage, state in _states(work):
+        planned.append(PlannedStage(stage.name, stage.what, state, _estimate(work, stage)))
+        open_end = open_end or state in ("to do", "again")
+    return planned
+
+
+def _states(work: RunWork) -> Iterator[tuple[Stage, State]]:
+    changed = False
+    for stage in work.stages():
+        if given_by_hand(work, stage):
+            yield stage, "given"
+            continue
+        if changed or not done_before(work, stage):
+            changed = True
+            yield stage, "again" if work.record.begun(stage.name) else "to do"
+        else:
+            yield stage, "done"
+
+
+def given_by_hand(work: RunWork, stage: Stage) -> bool:
+    """Whether `capture.toml` says something else in the stage's line than the stage wrote: the user's word counts."""
+    written = work.written(stage)
+    return written is not None and written != work.record.made(stage.name)
+
+
+def done_before(work: RunWork, stage: Stage) -> bool:
+    """Whether the stage was done of what it would be made of now, and what it wrote is there."""
+    if not work.folder.is_dir() or not work.record.begun(stage.name):
+        return False
+    if stage.line is not None and work.written(stage) is None:
+        return False
+    return work.record.done(stage.name, stage.inputs())
+
+
+def _estimate(work: RunWork, stage: Stage) -> float:
+    before = work.record.seconds(stage.name)
+    if before is not None:
+        return before
+    counts = [index.num_frames for index in work.indices]
+    start, stop = work.options.frames
+    tracked = max(min(counts[0] if stop is None else stop, counts[0]) - (start or 0), 1)
+    pictures = tracked * len(counts) if stage.name == "detect" else sum(counts)
+    seconds = _ONCE.get(stage.name, 0.0) + _PER_PICTURE.get(stage.name, 0.0) * pictures
+    if stage.name == "calibrate" and not work.several:
+        return 1.0
+    if stage.name == "body" and work.options.actor is not None:
+        return 5.0
+    return seconds + (tracked * len(counts) * _PER_TRACKED[work.options.quality] if stage.name == "track" else 0.0)
+
+
+def _spoken(seconds: float) -> str:
+    if seconds < 90:
+        return f"{max(round(seconds), 1)} s"
+    return f"{round(seconds / 60)} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
