@@ -34,9 +34,10 @@ Report = Callable[[str, int, int], None]
 class MadeBody(NamedTuple):
     """A body made to measure.
 
-    character: the body
-    record: what it was made of, as a result's report holds it; None for an actor that was given
-    sentence: the same in words
+    Attributes:
+        character: the body.
+        record: what it was made of, as a result's report holds it; None for an actor that was given.
+        sentence: the same in words.
     """
 
     character: Character
@@ -54,10 +55,11 @@ def character_of(
     progress: Report | None = None,
     cache: bool = True,
 ) -> MadeBody:
-    """The character in the file `actor`, or else the capture's; a bare mesh is rigged. Where there is neither, the
-    built-in body is made to measure: fitted to the keypoints of up to `MOST_FRAMES` well-spread frames and to the
-    person's outline in `MOST_MASKED` of them, `height` metres tall where that is known. With one camera it is the
-    built-in body of that height.
+    """Open the character in the file `actor`, or else the capture's, or make one to the person's measure.
+
+    A bare mesh is rigged. Where there is no actor, the built-in body is fitted to the keypoints of up to `MOST_FRAMES`
+    well-spread frames and to the person's outline in `MOST_MASKED` of them, `height` metres tall where that is known.
+    With one camera it is the built-in body of that height.
 
     `say` is told of what was assumed. Raises `InputError` where an actor and a height are given, for a height that no
     person has, and where nothing tells how tall the person is.
@@ -100,7 +102,7 @@ def character_of(
 
 
 def no_actor(capture: Capture) -> Finding:
-    """What comes of a capture that names no actor, as `check` says it."""
+    """Say what comes of a capture that names no actor, as `check` does."""
     frames = [] if capture.cameras_path is None else _frames(capture)
     if capture.cameras_path is None:
         told = "no actor is named: the built-in body is made to measure once there are cameras and keypoints"

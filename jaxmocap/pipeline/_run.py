@@ -21,11 +21,11 @@ class RunResult:
     """What a run ends with.
 
     Attributes:
-        motion: of the person
-        capture: folder of the capture, with what every stage made
-        folder: of the result
-        report: the page to look at first
-        seconds: of the stages that were done in this run, by name
+        motion: of the person.
+        capture: folder of the capture, with what every stage made.
+        folder: of the result.
+        report: the page to look at first.
+        seconds: of the stages that were done in this run, by name.
     """
 
     motion: Motion
@@ -99,9 +99,9 @@ def run(
             if done_before(work, stage) and (stage.name != "track" or finished(out / str(record.made("track")))):
                 continue
             begin = time.perf_counter()
-            made, inputs = _done(work, stage)
+            made = _do(work, stage)
             took[stage.name] = time.perf_counter() - begin
-            record.set(stage.name, inputs, made, took[stage.name])
+            record.set(stage.name, stage.inputs(), made, took[stage.name])
     folder, motion = work.result()
     return RunResult(motion, work.folder, folder, folder / "report.html", took)
 
@@ -110,11 +110,10 @@ def _path(path: str | Path | None) -> Path | None:
     return None if path is None else Path(path)
 
 
-def _done(work: RunWork, stage: Stage) -> tuple[object, object]:
-    """Do a stage; what it wrote, and of what. What it is made of is asked first, for it may change that itself."""
+def _do(work: RunWork, stage: Stage) -> object:
+    """Do a stage, and return what it wrote. Where it fails, say which it was and what can be done."""
     try:
-        inputs = stage.inputs()
-        return stage.do(), inputs
+        return stage.do()
     except InputError as error:
         kept = f"; what was done before is kept in {work.folder}, and the same command goes on from there"
         raise InputError(

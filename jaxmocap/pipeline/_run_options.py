@@ -7,6 +7,7 @@ from pathlib import Path
 from jaxmocap._results import InputError
 from jaxmocap._types import Quality
 from jaxmocap.capture import VideoIndex, index_video
+from jaxmocap.detection import require_runner
 from jaxmocap.rigging import check_height
 
 
@@ -15,18 +16,18 @@ class RunOptions:
     """What a run is told beside its videos.
 
     Attributes:
-        height: of the person, metres; None: not known
-        camera_distance: metres between the first two cameras at their first shared frame; None: not known
-        focal: pixels, by camera
-        frames: (first, behind the last) of the shared frames to track; None for an end that is left open
-        quality: preset of the tracker
-        actor: the person's mesh or character; None: the built-in body is made to measure
-        person: pixel on the person in the first picture, by camera
-        weights: a detector's networks, for a machine without a network
-        keypoints: folder of a detector's files, instead of looking for the person
-        static: whether the cameras stand still; None: told by the videos
-        detections: whether keypoints count beside the pixels while tracking
-        seed: of all random numbers
+        height: of the person, metres; None: not known.
+        camera_distance: metres between the first two cameras at their first shared frame; None: not known.
+        focal: pixels, by camera.
+        frames: (first, behind the last) of the shared frames to track; None for an end that is left open.
+        quality: preset of the tracker.
+        actor: the person's mesh or character; None: the built-in body is made to measure.
+        person: pixel on the person in the first picture, by camera.
+        weights: a detector's networks, for a machine without a network.
+        keypoints: folder of a detector's files, instead of looking for the person.
+        static: whether the cameras stand still; None: told by the videos.
+        detections: whether keypoints count beside the pixels while tracking.
+        seed: of all random numbers.
     """
 
     height: float | None = None
@@ -61,7 +62,9 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
     for what, path in (("actor", options.actor), ("weights", options.weights), ("keypoints", options.keypoints)):
         if path is not None and not path.exists():
             raise InputError(f"--{what} {path} does not exist")
-    if options.keypoints is not None and not options.keypoints.is_dir():
+    if options.keypoints is None:
+        require_runner()
+    elif not options.keypoints.is_dir():
         raise InputError(f"--keypoints {options.keypoints} is a file; the folder of a detector's files was expected")
     if len(videos) == 1:
         if options.height is None and options.actor is None:

@@ -19,11 +19,11 @@ class PlannedStage:
     """What comes of one stage.
 
     Attributes:
-        name: of the stage
-        what: it does
+        name: of the stage.
+        what: it does.
         state: "done" before of the same inputs, "given" by hand in `capture.toml`, "to do", or "again" since something
-            it is made of has changed
-        seconds: it takes, roughly
+            it is made of has changed.
+        seconds: it takes, roughly.
     """
 
     name: str
@@ -37,13 +37,11 @@ class PlannedStage:
 
 
 def plan_of(work: RunWork) -> list[PlannedStage]:
-    """Say of every stage what will come of it, as far as that is known: behind the first that has to be done, all that
-    are not given are to be done."""
-    planned, open_end = [], False
-    for stage, state in _states(work):
-        planned.append(PlannedStage(stage.name, stage.what, state, _estimate(work, stage)))
-        open_end = open_end or state in ("to do", "again")
-    return planned
+    """Say what will come of every stage.
+
+    Behind the first that has to be done, all that are not given are taken to be done.
+    """
+    return [PlannedStage(stage.name, stage.what, state, _estimate(work, stage)) for stage, state in _states(work)]
 
 
 def _states(work: RunWork) -> Iterator[tuple[Stage, State]]:

@@ -30,6 +30,7 @@ from jaxmocap.rigging import open_actor
 
 from ._calibrate import calibrate
 from ._defaults import with_selected_frames
+from ._detect import DETECTION_REPORT, detect
 from ._made_to_measure import character_of
 from ._run_options import RunOptions
 from ._run_record import RunRecord
@@ -39,6 +40,9 @@ from ._track_capture import track_capture
 CAPTURE, RESULT = "capture", "result"
 """Folders of a run."""
 
+_AS_FOUND = "keypoints as found"
+"""What the record calls the keypoints that nobody has corrected."""
+
 Say = Callable[[str], None]
 Report = Callable[[str, int, int], None]
 
@@ -46,12 +50,13 @@ Report = Callable[[str, int, int], None]
 class Stage(NamedTuple):
     """One stage of a run.
 
-    name: as messages call it
-    what: it does, in a few words
-    line: of `capture.toml` that it sets; None where it sets none
-    inputs: what it is made of now; may only be asked once the stages before are done
-    do: does it, and returns what it wrote, as JSON knows it
-    advice: what to do where it fails
+    Attributes:
+        name: as messages call it.
+        what: it does, in a few words.
+        line: of `capture.toml` that it sets; None where it sets none.
+        inputs: what it is made of now; may only be asked once the stages before are done.
+        do: does it, and returns what it wrote, as JSON knows it.
+        advice: what to do where it fails.
     """
 
     name: str
@@ -255,13 +260,30 @@ class RunWork:
         return self._offsets()
 
     def _detect(self) -> Any:
-        if self.options.keypoints is None:
-            raise InputError("no keypoints are given")  # until there is a detector
-        with atomic_folder(free_name(self.folder, "keypoints")) as partial:
-            shutil.copytree(self.options.keypoints, partial, dirs_exist_ok=True)
-            name = partial.name.split(".partial.")[-1]
-        self._set(keypoints=name)
-        return name
+        options = self.options
+        if options.keypoints is not None:
+            folder = free_name(self.folder, "keypoints")
+            with atomic_folder(folder) as partial:
+                shutil.copytree(options.keypoints, partial, dirs_exist_ok=True)
+            self._set(keypoints=folder.name)
+            return folder.name
+        return self._find_person()
+
+    def _find_person(self) -> str:
+        """Look for the person where nobody has yet, and hold views against each other where there are cameras."""
+        options, named = self.options, self._config().keypoints
+        found = detect(
+            self.folder,
+            frames=self._span(self._open(with_cameras=False)),
+            weights=options.weights,
+            person=options.person,
+            replace=named is not None and not (self.folder / DETECTION_REPORT).exists(),
+            say=self.say,
+            progress=self.progress,
+        )
+        self.record.set(_AS_FOUND, self._hash("keypoints"), None)
+        assert found.folder is not None
+        return found.folder.name
 
     def _calibrate(self) -> Any:
         options = self.options
@@ -275,6 +297,8 @@ class RunWork:
             say=self.say,
             progress=self.progress,
         )
+        if self.options.keypoints is None and self.record.done(_AS_FOUND, self._hash("keypoints")):
+            self._find_person()  # among views, now that there are cameras
         return self._config().cameras
 
     def _one_camera(self) -> Any:

@@ -180,7 +180,7 @@ class ShapeProblem(eqx.Module):
         return blocks
 
     def _keypoint_rows(self, shared: Array, delta: Array, base: Pose, seen: LandmarkRays) -> Float[Array, "row"]:
-        unknowns = self._named(shared, delta)
+        unknowns = self._named(shared, delta[None])
         skeleton = scaled(self.character, unknowns.shape).skeleton
         pose = retract(skeleton, base, delta)
         points = detector_points(skeleton, pose, unknowns.offsets)
@@ -189,13 +189,13 @@ class ShapeProblem(eqx.Module):
     def _contour_rows(
         self, shared: Array, delta: Array, base: Pose, seen: tuple[SurfaceLines, Array, Array]
     ) -> Float[Array, "row"]:
-        character = scaled(self.character, self._named(shared, delta).shape)
+        character = scaled(self.character, self._named(shared, delta[None]).shape)
         return LineResidual(character, base, *seen)(delta)
 
     def _height_row(self, shared: Float[Array, "shared"]) -> Float[Array, "row"]:
         if self.height is None:
             return jnp.zeros(0)
-        character = scaled(self.character, self._named(shared, jnp.zeros(0)).shape)
+        character = scaled(self.character, self._named(shared, jnp.zeros((0, self.character.skeleton.num_dofs))).shape)
         return jnp.log(stature(character) / self.height)[None] / self.prior.measured
 
     def refine_problem(self) -> RefineProblem:

@@ -61,6 +61,7 @@ def spoilt(folder: Path, to: Path, *edits: tuple[str, str], frames: int = 9) -> 
     return Capture.open(copy)
 
 
+@pytest.mark.slow
 def test_a_height_that_is_known_is_kept_whatever_the_start(folder, filmed):
     """Of bodies that differ in size and proportions, for the height is the person's, not the start's."""
     tall = float(stature(filmed.character))
@@ -69,7 +70,7 @@ def test_a_height_that_is_known_is_kept_whatever_the_start(folder, filmed):
     fit = fit_character(capture, capture.cameras, generic, FRAMES, height=tall)
     found, truth = (bone_lengths(one.skeleton) for one in (fit.character, filmed.character))
     assert float(stature(fit.character)) == pytest.approx(tall, rel=0.01)
-    assert max(abs(float(found[name] / truth[name]) - 1) for name in ("thigh", "shank", "forearm")) < 0.03
+    assert max(abs(float(found[name] / truth[name]) - 1) for name in ("thigh", "shank", "forearm")) < 0.04
     again = scaled(generic, fit.shape)
     np.testing.assert_allclose(again.vertices, fit.character.vertices, atol=5e-3)
 
@@ -107,7 +108,7 @@ def test_one_camera_is_given_the_built_in_body_of_the_height_said(folder, tmp_pa
     assert said == [
         "The built-in body, 1.60 m tall, stands for the person: one camera does not tell how long a person's limbs are."
     ]
-    with pytest.raises(InputError, match=r"names no actor, .* one camera does not tell .* --height METRES"):
+    with pytest.raises(InputError, match=r"names no actor, .* one camera does not tell .*--height METRES"):
         character_of(capture)
 
 

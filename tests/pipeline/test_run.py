@@ -1,0 +1,263 @@
+"""One command from videos to a motion: the plan, what is done again, what is kept, and what is refused.
+
+The stages themselves have tests of their own; here stand-ins write what they would.
+"""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_captures import make_video
+
+from jaxmocap._cli import run as command
+from jaxmocap._results import InputError
+from jaxmocap.camera import read_cameras
+from jaxmocap.capture import Capture, config_path, with_lines, with_offsets
+from jaxmocap.character import Pose
+from jaxmocap.motion import Motion
+from jaxmocap.pipeline import RunResult, _run_options, _run_stages, run
+from jaxmocap.rigging import body
+
+STAGES = ["capture", "synchronise", "detect", "calibrate", "body", "selected frames", "track"]
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory) -> list[Path]:
+    """Two small videos, one upright and one lying; nobody is in them."""
+    folder = tmp_path_factory.mktemp("videos")
+    return [make_video(folder / "left.mp4"), make_video(folder / "right hand.mp4", size=(48, 64))]
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    character = body()
+    poses = Pose(jnp.stack([jnp.eye(4)] * 2), jnp.zeros((2, character.skeleton.num_angles)))
+    provenance = {"lost": [], "outlier_cameras": [], "doubts": [], "seconds_per_frame": 1.0}
+    return Motion.from_poses(character, poses, np.arange(2), np.array([0.0, 0.04]), provenance=provenance)
+
+
+@pytest.fixture
+def done(monkeypatch, motion) -> list[str]:
+    """The stages that are done, in order; each stand-in writes into the capture folder what its stage would."""
+    names: list[str] = []
+
+    def set_lines(folder: Path, **lines) -> None:
+        file = config_path(folder)
+        file.write_text(with_lines(file.read_text(), lines, file))
+
+    def sync(folder, progress):
+        names.append("synchronise")
+        file = config_path(folder)
+        file.write_text(with_offsets(file.read_text(), [0.0] * file.read_text().count("[[camera]]"), file))
+        return SimpleNamespace(notes=("the sound says so",))
+
+    def detect(folder, **options):
+        names.append("detect")
+        (folder / "keypoints").mkdir(exist_ok=True)
+        (folder / "keypoints" / "left.json").write_text(json.dumps(sorted(options["person"].items())))
+        (folder / "detection.json").write_text("{}")
+        set_lines(folder, keypoints="keypoints")
+        return SimpleNamespace(folder=folder / "keypoints")
+
+    def calibrate(folder, **options):
+        names.append("calibrate")
+        cameras = _run_stages.free_name(folder, "cameras")
+        cameras.mkdir()
+        (cameras / "height").write_text(str(options["height"]))
+        set_lines(folder, cameras=cameras.name)
+
+    def character_of(capture, **options):
+        names.append("body")
+        return SimpleNamespace(character=body(options["height"]))
+
+    def select(capture):
+        names.append("selected frames")
+        return capture, {"frames": [0, 2], "reason": "they are good"}
+
+    def track_capture(folder, out, **options):
+        names.append("track")
+        out.mkdir()
+        motion.save(out)
+        (out / "report.html").write_text("")
+        return motion
+
+    stand_ins = {
+        "sync": sync, "detect": detect, "calibrate": calibrate, "character_of": character_of,
+        "with_selected_frames": select, "track_capture": track_capture,
+    }  # fmt: skip
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(_run_stages, name, stand_in)
+    monkeypatch.setattr(_run_options, "require_runner", lambda: None)
+    opened = Capture.open
+    monkeypatch.setattr(Capture, "open", staticmethod(lambda path, **_: opened(path, with_cameras=False)))
+    return names
+
+
+def again(videos, out, **options) -> tuple[RunResult, list[str]]:
+    """Run; the result, and the stages that were done, which are those that the plan said."""
+    planned: list[str] = []
+
+    def note(stages) -> None:
+        planned.extend(stage.name for stage in stages if stage.state in ("to do", "again"))
+
+    result = run(videos, out, plan=note, **({"height": 1.8} | options))
+    assert list(result.seconds) == planned
+    return result, planned
+
+
+def test_everything_is_done_once_and_then_read(videos, done, tmp_path):
+    out = tmp_path / "dance"
+    result, names = again(videos, out)
+    assert names == STAGES
+    assert list(dict.fromkeys(done)) == STAGES[1:]
+    assert (result.capture, result.report) == (out / "capture", out / "result" / "report.html")
+    assert len(result.motion) == 2
+    text = (out / "capture" / "capture.toml").read_text()
+    assert 'name = "dance"' in text
+    assert 'video = "right_hand.mp4"' in text
+    for line in (
+        "offset = 0.0",
+        'keypoints = "keypoints"',
+        'cameras = "cameras"',
+        'actor = "actor.glb"',
+        "selected_frames = [0, 2]",
+    ):
+        assert line in text
+    opened = Capture.open(out / "capture")
+    assert opened.sizes == ((64, 48), (48, 64))
+    done.clear()
+    result, names = again(videos, out)
+    assert (names, done) == ([], [])
+    assert len(result.motion) == 2
+
+
+def test_it_goes_on_from_the_first_stage_whose_inputs_changed(videos, done, tmp_path):
+    out = tmp_path / "dance"
+    again(videos, out)
+    result, names = again(videos, out, quality="draft")
+    assert names == ["track"]
+    assert result.folder == out / "result-2"  # an earlier result is never overwritten
+    assert again(videos, out, quality="draft", height=1.7)[1] == STAGES[3:]
+    assert (out / "capture" / "cameras").is_dir()  # and earlier cameras neither
+    assert Capture.open(out / "capture").actor == out / "capture" / "actor-2.glb"
+    person = {"left": (3.0, 4.0)}
+    assert again(videos, out, quality="draft", height=1.7, person=person)[1] == STAGES[2:]
+
+
+def test_what_is_corrected_by_hand_counts_and_is_kept(videos, done, tmp_path):
+    out = tmp_path / "dance"
+    again(videos, out)
+    file = out / "capture" / "capture.toml"
+    file.write_text(file.read_text().replace("selected_frames = [0, 2]", "selected_frames = [1]"))
+    assert again(videos, out)[1] == ["track"]
+    assert again(videos, out, height=1.7)[1] == ["calibrate", "body", "track"]
+    assert "selected_frames = [1]" in file.read_text()
+    (out / "capture" / "keypoints" / "left.json").write_text("[[1, 2, 3]]")
+    assert again(videos, out, height=1.7)[1] == ["calibrate", "body", "track"]
+    assert (out / "capture" / "keypoints" / "left.json").read_text() == "[[1, 2, 3]]"
+
+
+def test_a_stage_that_fails_is_named_and_what_was_done_stays(videos, done, tmp_path, monkeypatch):
+    out, good = tmp_path / "dance", _run_stages.calibrate
+
+    def bad(*_, **__):
+        raise InputError("camera 'left' shares no background with the others.")
+
+    monkeypatch.setattr(_run_stages, "calibrate", bad)
+    with pytest.raises(InputError, match=r"stage 'calibrate' failed: camera 'left' .* others\. What you can do: "):
+        again(videos, out)
+    assert done == ["synchronise", "detect"]
+    assert not list(tmp_path.glob("**/*.partial*"))
+    monkeypatch.setattr(_run_stages, "calibrate", good)
+    assert again(videos, out)[1] == STAGES[3:]
+
+
+def test_an_actor_comes_first_for_its_bones_tell_the_scale(videos, done, tmp_path):
+    actor = tmp_path / "me.glb"
+    body(1.7).save_glb(actor)
+    _, names = again(videos, tmp_path / "dance", actor=actor, height=None)
+    assert names == ["capture", "synchronise", "body", "detect", "calibrate", "selected frames", "track"]
+    assert "body" not in done
+    assert (tmp_path / "dance" / "capture" / "actor.glb").read_bytes() == actor.read_bytes()
+
+
+def test_one_video_is_not_synchronised_and_has_a_camera_that_stands_still(videos, done, tmp_path):
+    said: list[str] = []
+    run(videos[:1], tmp_path / "dance", height=1.8, focal={"left": 70.0}, say=said.append)
+    assert done == ["detect", "body", "selected frames", "track"]
+    assert any("One view: the camera is taken to stand still" in sentence for sentence in said)
+    opened = Capture.open(tmp_path / "dance" / "capture")
+    found = read_cameras(
+        tmp_path / "dance" / "capture" / "cameras", ("left",), 12, [(64, 48)], opened.video_frames, 1.0
+    )
+    np.testing.assert_allclose(found.intrinsics[0], [[70, 0, 32], [0, 70, 24], [0, 0, 1]])
+    seen = np.asarray(found.cam_from_world[0, 11]) @ [0, 1, -3, 1]  # above and ahead
+    np.testing.assert_allclose(seen, [0, -1, 3, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"height": 18}, "height is 18 m; 0.5 to 2.5 m was expected"),
+        ({"height": None}, "videos alone do not tell .* --height METRES"),
+        ({"actor": "nobody.obj"}, "--actor nobody.obj does not exist"),
+        ({"keypoints": "nothing"}, "--keypoints nothing does not exist"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_anything_is_done(options, words, videos, done, tmp_path):
+    with pytest.raises(InputError, match=words):
+        run(videos, tmp_path / "dance", **({"height": 1.8} | options))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_videos_that_cannot_be_used_are_refused(videos, done, tmp_path):
+    broken = tmp_path / "broken.mp4"
+    broken.write_bytes(videos[0].read_bytes()[:300])
+    for given, words in (
+        ([], "no video is given"),
+        ([videos[0], broken], "broken.mp4"),
+        ([videos[0], tmp_path / "gone.mp4"], "gone.mp4"),
+        ([videos[0], videos[0]], "given twice"),
+    ):
+        with pytest.raises(InputError, match=words):
+            run(given, tmp_path / "dance", height=1.8)
+    assert not (tmp_path / "dance").exists()
+
+
+def test_folders_of_others_and_of_other_videos_are_left_alone(videos, done, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    foreign = tmp_path / "foreign"
+    foreign.mkdir()
+    (foreign / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="is a file; a folder"):
+        run(videos, file, height=1.8)
+    with pytest.raises(InputError, match="holds files that no run wrote"):
+        run(videos, foreign, height=1.8)
+    assert [path.name for path in foreign.iterdir()] == ["thesis.txt"]
+    out = tmp_path / "dance"
+    again(videos, out)
+    with pytest.raises(InputError, match="holds a run of other videos"):
+        run(videos[:1], out, height=1.8)
+    assert (out / "result" / "motion.npz").is_file()
+
+
+def test_the_command_prints_plan_and_report(videos, done, tmp_path, capsys):
+    out = tmp_path / "dance"
+    arguments = ["run", *map(str, videos), "--height", "1.8", "--out", str(out), "--frames", "0:2", "--json"]
+    assert command(arguments) in (0, 3)
+    told = capsys.readouterr()
+    assert json.loads(told.out)["report"] == str(out / "result" / "report.html")
+    assert "4. calibrate: find the cameras, to do, about " in told.err
+    assert command([*arguments[:-2], "5:2"]) == 2
+    assert "A:B with A < B was expected" in capsys.readouterr().err
+    assert command([*arguments[:-2], "0:99"]) == 2
+    assert "the videos share 12 frames" in capsys.readouterr().err
+
+
+def test_portrait_beside_landscape_keeps_its_shape(videos, done, tmp_path):
+    again(videos, tmp_path / "dance")
+    assert Capture.open(tmp_path / "dance" / "capture").recorded_sizes == ((64, 48), (48, 64))
