@@ -21,6 +21,7 @@ from ._doctor import doctor
 from ._evaluate import evaluate
 from ._export import export
 from ._fit_character import fit_character
+from ._groups import show_help
 from ._import_dataset import import_dataset
 from ._read_motion import read_motion
 from ._refine_cameras import refine_cameras
@@ -38,40 +39,42 @@ YOUR_INPUT, INTERRUPTED = 2, 130
 
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
-_COMMANDS = {
-    "run": run_videos,
-    "demo": demo,
-    "check": check,
-    "sync": sync,
-    "detect": detect,
-    "calibrate": calibrate,
-    "cameras": cameras,
-    "annotate": annotate,
-    "segment": segment,
-    "rig": rig,
-    "body": body,
-    "fit-character": fit_character,
-    "register": register,
-    "track": track,
-    "refine-cameras": refine_cameras,
-    "report-page": report_page,
-    "evaluate": evaluate,
-    "export": export,
-    "view": view,
-    "read-motion": read_motion,
-    "doctor": doctor,
-    "import-dataset": import_dataset,
-    "bench": bench,
+_GROUPS = {
+    "All in one": {"run": run_videos, "demo": demo},
+    "Prepare a capture": {
+        "sync": sync,
+        "detect": detect,
+        "annotate": annotate,
+        "calibrate": calibrate,
+        "cameras": cameras,
+        "segment": segment,
+        "check": check,
+        "import-dataset": import_dataset,
+    },
+    "Make an actor": {"rig": rig, "body": body, "fit-character": fit_character},
+    "Track": {"register": register, "track": track, "refine-cameras": refine_cameras},
+    "Look and take away": {
+        "view": view,
+        "report-page": report_page,
+        "export": export,
+        "read-motion": read_motion,
+    },
+    "Measure": {"evaluate": evaluate, "bench": bench, "doctor": doctor},
 }
-_DESCRIPTION = """Markerless motion capture of one person from two or three handheld videos.
-
-Exit codes: 0 done; 2 the input cannot be used, one sentence says why; 3 tracking finished, but not every
-frame is to be trusted; 1 an error of jaxmocap itself, please report the traceback."""
+_COMMANDS = {name: command for commands in _GROUPS.values() for name, command in commands.items()}
+_DESCRIPTION = (
+    "Markerless motion capture of one person from two or three handheld videos.\n\n"
+    "Exit codes: 0 done; 2 the input cannot be used, one sentence says why; 3 tracking finished, but not every frame "
+    "is to be trusted; 1 an error of jaxmocap itself, please report the traceback."
+)
 
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command and return its exit code, which each verb gives; usage errors exit with 2."""
     configure()
+    if list(arguments) in ([], ["-h"], ["--help"]):
+        show_help(_GROUPS, _DESCRIPTION)
+        return 0 if arguments else YOUR_INPUT
     try:
         return tyro.extras.subcommand_cli_from_dict(
             _COMMANDS,

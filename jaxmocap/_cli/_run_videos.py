@@ -93,7 +93,7 @@ def run_videos(
         bool, tyro.conf.arg(help="The cameras stand on tripods.", help_behavior_hint="(default: told by the videos)")
     ] = False,
     detections: Annotated[
-        bool, tyro.conf.arg(help="Let keypoints count beside the pixels while tracking.", help_behavior_hint="")
+        bool, tyro.conf.arg(help="Track by the pixels alone, not by keypoints too.", help_behavior_hint="")
     ] = True,
     seed: Seed = 0,
     json: Json = False,
