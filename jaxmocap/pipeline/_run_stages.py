@@ -255,6 +255,9 @@ class RunWork:
 
     def _synchronise(self) -> Any:
         found = sync(self.folder, progress=self.progress)
+        record = found.record()
+        offsets = ", ".join(f"{name} {one['offset_frames']:+.2f}" for name, one in record["cameras"].items())
+        self.say(f"Offsets in frames: {offsets}; by {', '.join(sorted({pair['used'] for pair in record['pairs']}))}.")
         for note in found.notes:
             self.say(f"{note}.")
         return self._offsets()

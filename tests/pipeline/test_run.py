@@ -52,7 +52,8 @@ def done(monkeypatch, motion) -> list[str]:
         names.append("synchronise")
         file = config_path(folder)
         file.write_text(with_offsets(file.read_text(), [0.0] * file.read_text().count("[[camera]]"), file))
-        return SimpleNamespace(notes=("the sound says so",))
+        record = {"cameras": {"left": {"offset_frames": 0.0}}, "pairs": [{"used": "sound"}]}
+        return SimpleNamespace(notes=("the sound says so",), record=lambda: record)
 
     def detect(folder, **options):
         names.append("detect")
