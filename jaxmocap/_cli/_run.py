@@ -72,9 +72,9 @@ _DESCRIPTION = (
 def run(arguments: Sequence[str]) -> int:
     """Run one command and return its exit code, which each verb gives; usage errors exit with 2."""
     configure()
-    if list(arguments) in ([], ["-h"], ["--help"]):
+    if list(arguments) in (["-h"], ["--help"]):
         show_help(_GROUPS, _DESCRIPTION)
-        return 0 if arguments else YOUR_INPUT
+        return 0
     try:
         return tyro.extras.subcommand_cli_from_dict(
             _COMMANDS,
