@@ -19,7 +19,7 @@ def calibrate(
         float | None,
         tyro.conf.arg(
             metavar="METRES",
-            help="The person's height, which tells the scale.",
+            help="The person's height, which tells the scale together with keypoints in the capture.",
             help_behavior_hint="(default: the actor's bones)",
         ),
     ] = None,
@@ -32,13 +32,14 @@ def calibrate(
         ),
     ] = None,
     up: Annotated[
-        tuple[float, float, float] | None,
+        tuple[str, ...],
         tyro.conf.arg(
             metavar="X Y Z",
-            help="Up as the first camera sees it at the first shared frame: x right, y down, z forward.",
+            help="Up as the first camera sees it at the first shared frame: x right, y down, z forward; or a letter, "
+            "such as x where the phone lay on its left side, -y where it stood upright.",
             help_behavior_hint="(default: from ground and cameras)",
         ),
-    ] = None,
+    ] = (),
     focal: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
@@ -47,6 +48,21 @@ def calibrate(
             help_behavior_hint="(default: found)",
         ),
     ] = (),
+    intrinsics: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="Calibration whose lenses are kept, of cameras that stand still; its poses do not count.",
+            help_behavior_hint="(default: found)",
+        ),
+    ] = None,
+    static: Annotated[
+        bool,
+        tyro.conf.arg(
+            help="All cameras stand still: place them by the person's keypoints, whatever the background says.",
+            help_behavior_hint="(default: told by the background)",
+        ),
+    ] = False,
     key_step: Annotated[int, tyro.conf.arg(metavar="N", help="One key frame in so many frames.")] = 5,
     replace: Annotated[
         bool,
@@ -55,9 +71,11 @@ def calibrate(
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """Find the poses and lenses of moving cameras from their videos, and complete capture.toml.
+    """Find the poses and lenses of cameras from their videos, and complete capture.toml.
 
-    A list of videos with --out is synchronised first, and becomes a new capture; --camera-distance tells its scale."""
+    Cameras that move are found by the background, cameras that stand still by the person's keypoints at all frames. A
+    list of videos with --out is synchronised first, and becomes a new capture; --camera-distance tells its scale, since
+    videos alone have no keypoints."""
     from jaxmocap.pipeline import calibrate
 
     lengths = focal_lengths(focal)
@@ -68,8 +86,10 @@ def calibrate(
             replace=replace,
             height=height,
             camera_distance=camera_distance,
-            up=up,
+            up=_direction(up),
             focal=lengths,
+            intrinsics=intrinsics,
+            static=static,
             key_step=key_step,
             seed=seed,
             say=say,
@@ -79,6 +99,23 @@ def calibrate(
     assert folder is not None
     show({"folder": folder, **calibration.record}, lambda: _table(calibration.record, folder), json_wanted=json)
     return 0
+
+
+def _direction(texts: tuple[str, ...]) -> tuple[float, float, float] | None:
+    """Read `--up`: three numbers, or an axis by its letter."""
+    if not texts:
+        return None
+    if len(texts) == 1 and texts[0].lstrip("+-").lower() in ("x", "y", "z"):
+        sign = -1.0 if texts[0].startswith("-") else 1.0
+        x, y, z = (sign if texts[0][-1].lower() == axis else 0.0 for axis in "xyz")
+        return x, y, z
+    try:
+        x, y, z = (float(text) for text in texts)
+    except ValueError:
+        raise InputError(
+            f"--up is {' '.join(texts)!r}; three numbers were expected (x right, y down, z forward), or x, -y and so on"
+        ) from None
+    return x, y, z
 
 
 def focal_lengths(texts: tuple[str, ...]) -> dict[str, float]:

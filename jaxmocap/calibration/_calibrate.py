@@ -1,4 +1,5 @@
-"""Calibrating the moving cameras of a capture: structure from motion, then scale, gravity and a report."""
+"""Calibrating the cameras of a capture: structure from motion, or from the person where they stand still; then scale,
+gravity and a report."""
 
 import tempfile
 import time
@@ -19,7 +20,10 @@ from jaxmocap.capture import Capture
 from ._child import Solved, run_worker
 from ._footage import Report, as_recorded, footage_of, keypoints_of
 from ._report import draw_paths, make_record, png_bytes, pose_table
+from ._route import choose_route
 from ._scale import find_scale, known_bone_lengths, refuse_without_scale, subject_views, triangulate_views
+from ._standing import find_up
+from ._static_job import write_static_job
 from ._world import find_gravity, world_from_model
 
 _MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin", "rigs.bin", "frames.bin")
@@ -64,30 +68,40 @@ def calibrate(
     camera_distance: float | None = None,
     up: tuple[float, float, float] | None = None,
     focal: Mapping[str, float] | None = None,
+    intrinsics: str | Path | None = None,
+    static: bool = False,
     key_step: int = 5,
     seed: int = 0,
     progress: Report = lambda stage, done, total: None,
 ) -> Calibration:
     """Find poses at all frames, focal lengths and radial distortion of all cameras of a capture, from its videos.
 
+    Cameras that move are found by the background that they see; cameras that all stand still, or with `static`, by the
+    person's keypoints at all frames.
+
     Scale: `camera_distance`, metres between the first two cameras at the first shared frame; else the person's bones,
     from keypoints in two views, against the capture's actor, or against a person of `height` metres. Up: the direction
     `up` in the first camera at the first shared frame (x right, y down, z forward), else found. `focal` lengths in
-    pixels, by camera, are kept; without them they are found. Whatever cameras the capture has are not looked at.
+    pixels, by camera, are kept; without them they are found. `intrinsics` is a calibration file whose lenses are kept,
+    of cameras that stand still. Whatever cameras the capture has are not looked at.
 
     Raises `InputError` for footage that cannot be calibrated; nothing is written.
     """
     began = time.perf_counter()
     recorded = as_recorded(capture)
     _refuse_numbers(height, camera_distance, up)
+    file = None if intrinsics is None else Path(intrinsics)
     footage = footage_of(recorded, focal, key_step, cores(), seed)
     lengths, source = known_bone_lengths(recorded, height)
+    route = choose_route(recorded, footage, static, file, progress)
     keypoints = keypoints_of(recorded)
     refuse_without_scale(recorded, lengths, keypoints, camera_distance)
     with tempfile.TemporaryDirectory(prefix="jaxmocap-") as temporary:
         work = Path(temporary)
-        (work / "job.json").write_text(footage.to_json(), encoding="utf-8")
-        run_worker("reconstruct", work, progress)
+        (work / "job.json").write_text(route.footage.to_json(), encoding="utf-8")
+        if route.static:
+            write_static_job(recorded, route.matrices, route.distortion, lengths, work / "person.npz")
+        route.run(work, progress)
         solved = Solved.read(work / "result.npz", recorded)
         interpolated = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
         refuse_gaps(recorded, interpolated)
@@ -95,7 +109,11 @@ def calibrate(
         scale = find_scale(solved, views, lengths, source, camera_distance)
         people = [triangulate_views(view) for view in views]
         given = None if up is None else solved.pose(0, 0)[:3, :3].T @ np.asarray(up, float)
-        gravity = find_gravity(solved.poses, solved.points, solved.distance, people, given)
+        if route.static:
+            shared = solved.shared_poses()[:, 0]
+            gravity = find_up(shared, solved.tables["joints"], scale.metres_per_unit, given)
+        else:
+            gravity = find_gravity(solved.poses, solved.points, solved.distance, people, given)
         joints = np.concatenate([p[np.isfinite(p).all(1)] for p in people]) if people else np.zeros((0, 3))
         ankles = np.concatenate([p[[11, 14]] for p in people]) if people else np.zeros((0, 3))
         world = world_from_model(

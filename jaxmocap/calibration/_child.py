@@ -83,7 +83,8 @@ class Solved:
     video_frames: the frame of its own video by camera and shared frame
     places: camera and frame of its own video; other arrays by place are in this order
     poses: cam_from_world by place
-    lens: focal length, principal point (x, y) and k1 of each camera, pixels
+    intrinsics: of each camera, pixels
+    distortion: of each camera, OpenCV's k1 k2 p1 p2 k3
     points: of the background
     distance: to the scene
     tables: the other arrays of `result.npz`, by name
@@ -93,7 +94,8 @@ class Solved:
     video_frames: Int[np.ndarray, "camera frame"]
     places: Int[np.ndarray, "place 2"]
     poses: Float[np.ndarray, "place 4 4"]
-    lens: Float[np.ndarray, "camera 4"]
+    intrinsics: Float[np.ndarray, "camera 3 3"]
+    distortion: Float[np.ndarray, "camera 5"]
     points: Float[np.ndarray, "point 3"]
     distance: float
     tables: Mapping[str, np.ndarray]
@@ -108,21 +110,12 @@ class Solved:
             video_frames=capture.video_frames,
             places=tables.pop("places"),
             poses=tables.pop("cam_from_world"),
-            lens=tables.pop("lens"),
+            intrinsics=tables.pop("intrinsics"),
+            distortion=tables.pop("distortion"),
             points=tables.pop("points"),
             distance=float(tables.pop("distance")),
             tables=tables,
         )
-
-    @property
-    def intrinsics(self) -> Float[np.ndarray, "camera 3 3"]:
-        return np.array([[[f, 0, cx], [0, f, cy], [0, 0, 1]] for f, cx, cy, _ in self.lens])
-
-    @property
-    def distortion(self) -> Float[np.ndarray, "camera 5"]:
-        result = np.zeros((len(self.lens), 5))
-        result[:, 0] = self.lens[:, 3]
-        return result
 
     def index(self, camera: int, frame: int) -> int:
         """Find the row of a camera's pose at a shared frame (position)."""

@@ -41,6 +41,7 @@ class VideoFootage:
     last: the last one, included
     focal: length, pixels; a first guess unless `focal_known`
     focal_known: whether `focal` is exact, and kept
+    focal_told: whether it is from the video's metadata
     boxes: around the person, by frame, where keypoints tell
     masks: files with masks of the person, by frame, where there are any
     """
@@ -52,6 +53,7 @@ class VideoFootage:
     last: int
     focal: float
     focal_known: bool
+    focal_told: bool
     boxes: dict[int, Box]
     masks: dict[int, str]
 
@@ -148,7 +150,7 @@ def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: in
     for camera, (name, index) in enumerate(zip(capture.camera_names, capture.indices, strict=True)):
         own = capture.video_frames[camera]
         first, last = max(int(own[0]) - margin, 0), min(int(own[-1]) + margin, index.num_frames - 1)
-        guess = focal.get(name) or guess_focal(index.path, index.size)
+        told = told_focal(index.path, index.size)
         videos.append(
             VideoFootage(
                 name=name,
@@ -156,8 +158,9 @@ def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: in
                 size=index.size,
                 first=first,
                 last=last,
-                focal=guess,
+                focal=focal.get(name) or told or _USUAL * max(index.size),
                 focal_known=name in focal,
+                focal_told=told is not None,
                 boxes=_boxes(capture, name, range(first, last + 1)),
                 masks=_masks(capture, name, range(first, last + 1)),
             )
@@ -201,8 +204,8 @@ def keypoints_of(capture: Capture, most: int = 30) -> dict[int, np.ndarray]:
     return found
 
 
-def guess_focal(path: Path, size: tuple[int, int]) -> float:
-    """Guess a focal length in pixels, from the 35 mm equivalent that some phones write into a video, else the usual.
+def told_focal(path: Path, size: tuple[int, int]) -> float | None:
+    """Read a focal length in pixels from the 35 mm equivalent that some phones write into a video; None without one.
 
     Read are QuickTime's `com.apple.quicktime.camera.focal_length.35mm_equivalent` and Exif's `FocalLengthIn35mmFormat`
     (or `...Film`), of the file or of its video track. The search begins there; phones crop what they film.
@@ -213,4 +216,4 @@ def guess_focal(path: Path, size: tuple[int, int]) -> float:
         number = _NUMBER.match(value)
         if _KEY.search(key) and number and 8 <= float(number[1]) <= 400:
             return float(number[1]) / _FULL_FRAME_DIAGONAL * float((size[0] ** 2 + size[1] ** 2) ** 0.5)
-    return _USUAL * max(size)
+    return None

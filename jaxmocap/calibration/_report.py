@@ -28,7 +28,7 @@ def _geometries(solved: Solved, world: Similarity, joints: np.ndarray) -> list[V
     """Describe the views at every shared frame, about the person, or about where the cameras look."""
     person = np.median(world(joints), axis=0) if len(joints) else world(look_at_point(solved.poses))
     poses = world.cameras(solved.shared_poses())
-    return [view_geometry(solved.lens[:, 0], poses[:, frame], person) for frame in range(poses.shape[1])]
+    return [view_geometry(solved.intrinsics[:, 0, 0], poses[:, frame], person) for frame in range(poses.shape[1])]
 
 
 def make_record(
@@ -53,7 +53,8 @@ def make_record(
     cameras = {}
     for camera, name in enumerate(names):
         mine = solved.places[:, 0] == camera
-        focal, _, _, radial = solved.lens[camera]
+        seen = tables["num_observations"] > 0 if "joints" in tables else mine
+        focal, radial = solved.intrinsics[camera, 0, 0], solved.distortion[camera, 0]
         frames = solved.places[mine, 1]
         cameras[name] = {
             "frames": [int(frames.min()), int(frames.max())],
@@ -64,7 +65,7 @@ def make_record(
             "focal_pixels": round(float(focal), 2),
             "radial_distortion": round(float(radial), 5),
             "median_residual_pixels": round(float(np.nanmedian(tables["residual"][mine])), 3),
-            "median_observations": int(np.median(tables["num_observations"][mine])),
+            "median_observations": int(np.median(tables["num_observations"][mine & seen])),
             "centre_deviation_m": round(float(world.scale * np.median(tables["centre_deviation"][mine])), 5),
             "rotation_deviation_degrees": round(float(np.degrees(np.median(tables["angle_deviation"][mine]))), 4),
         }
@@ -76,11 +77,13 @@ def make_record(
             if frames
         ),
     ]
+    lengths = tables["track_lengths"]
     return {
         "format": 1,
+        "from": "person" if "joints" in tables else "background",
         "cameras": cameras,
         "points": len(solved.points),
-        "mean_track_length": round(float(np.mean(tables["track_lengths"])), 1),
+        "mean_track_length": round(float(np.mean(lengths)), 1) if len(lengths) else 0.0,
         "scale": {
             "from": scale.source,
             "relative_deviation": round(scale.deviation, 4),

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csc_array, csr_array, diags_array
-from scipy.sparse.linalg import splu
+from scipy.sparse import csr_array
 
 from jaxmocap._results import InputError
 from jaxmocap.capture import KEYPOINT_NAMES, Capture, Undistortion
@@ -15,6 +14,7 @@ from jaxmocap.rigging import open_actor
 
 from ._child import Solved
 from ._footage import CONFIDENT
+from ._levenberg_marquardt import factors, minimise
 
 BONES: dict[str, tuple[tuple[str, str], ...]] = {
     "shoulders": (("l_shoulder", "r_shoulder"),),
@@ -34,7 +34,6 @@ _BONE_SIGMA = 0.04  # of a bone's length: a detector's joints are not the skelet
 FEWEST_BONES = 4
 MOST_INSTANTS = 36
 """Of those with keypoints, as many tell the scale."""
-_MOST_STEPS = 200
 _HEIGHT_DEVIATION = 0.04  # limbs of people of one height differ by this
 
 
@@ -132,48 +131,11 @@ def fit_scale(views: Sequence[SubjectView], lengths: Mapping[str, float], source
         unit,
     )
     initial = np.append(np.concatenate([p[k] for p, k in zip(starts, known, strict=True)]).ravel() / unit, 0.0)
-    found, normal = _solved(problem, initial)
+    found, _, normal = minimise(problem, initial)
     last = np.zeros(found.size)
     last[-1] = 1.0
-    variance = splu(normal).solve(last)[-1]
+    variance = factors(normal).solve(last)[-1]
     return Scale(float(np.exp(start + found[-1])), float(np.sqrt(variance)), source, len(bones), len(views))
-
-
-def _solved(
-    problem: "_ScaleProblem", values: Float[np.ndarray, "unknown"]
-) -> tuple[Float[np.ndarray, "unknown"], csc_array]:
-    """Minimise the sum of robust residuals (soft L1); returns the unknowns and J^T J of the last step.
-
-    Levenberg and Marquardt's method with reweighting. Sparse factors make a step of a thousand joints a matter of
-    milliseconds; SciPy's least squares takes dense factors or an iterative solver, which where cameras stand close
-    together needs minutes.
-    """
-    damping, rows = 1e-3, problem.residuals(values)
-    cost = _soft_l1(rows)
-    normal = csc_array((values.size, values.size))
-    for _ in range(_MOST_STEPS):
-        weight, jacobian = 1 / np.sqrt(1 + rows**2), problem.jacobian(values)
-        weighted = jacobian.T * weight
-        normal = csc_array(weighted @ jacobian)
-        diagonal = normal.diagonal()
-        normal += diags_array(np.full(values.size, 1e-12 * diagonal.max()))
-        step = -splu(csc_array(normal + diags_array(damping * diagonal))).solve(weighted @ rows)
-        moved = problem.residuals(values + step)
-        after = _soft_l1(moved)
-        if not after < cost:
-            damping *= 4
-            if damping > 1e8:
-                break
-            continue
-        settled = cost - after < 1e-9 * cost
-        values, rows, cost, damping = values + step, moved, after, damping / 3
-        if settled:
-            break
-    return values, normal
-
-
-def _soft_l1(rows: Float[np.ndarray, "row"]) -> float:
-    return float(np.sum(2 * (np.sqrt(1 + rows**2) - 1)))
 
 
 class _Sightings(NamedTuple):
@@ -273,6 +235,12 @@ def refuse_without_scale(
             f"capture '{capture.name}' has no actor to tell its scale: give the person's height with --height, {how}"
         )
     most = max((confident(found, lengths) for found in keypoints.values()), default=0)
+    having = [name for camera, name in enumerate(capture.camera_names) if capture.keypoint_frames(camera)]
+    if most < FEWEST_BONES and len(having) == 1:
+        raise InputError(
+            f"only '{having[0]}' has keypoints, and the person's size cannot be measured in one view: add keypoints of "
+            f"another camera at the same frames (jaxmocap detect {capture.folder}), {how}"
+        )
     if most < FEWEST_BONES:
         raise InputError(
             f"capture '{capture.name}' has no frame with keypoints of the person's limbs in two cameras "

@@ -2,7 +2,8 @@
 
 `python -m jaxmocap.calibration._worker reconstruct FOLDER` reads `FOLDER/job.json`, writes `FOLDER/model` (COLMAP,
 binary) and `FOLDER/result.npz`, and reports progress as JSON lines on standard output. Exit code 2 with a line
-`{"error": ...}` means that the footage cannot be used. `transform` then moves the model into the metric world. For the
+`{"error": ...}` means that the footage cannot be used. `static` does the same for cameras that stand still, from the
+person's keypoints in `FOLDER/person.npz`. `transform` then moves the model into the metric world. For the
 refinement of a finished model, `tracks` reads out its tracks and `poses` replaces its poses.
 """
 
@@ -20,6 +21,7 @@ from ._footage import Footage, Report
 from ._mapping import adjust, map_key_frames, median_depth, observations
 from ._matching import match_key_frames
 from ._registration import Model, place_other_frames
+from ._static_worker import reconstruct_static
 from ._trajectory import Repairs, path_of, refuse_motionless, remove_outliers, repair
 from ._uncertainty import deviation_of_places
 
@@ -57,12 +59,14 @@ def write_result(model: Model, repairs: Repairs, folder: Path) -> None:
     seen = [observations(reconstruction, model.images[place])[2] for place in places]
     residual = np.array([np.median(np.linalg.norm(r, axis=1)) if len(r) else np.nan for r in seen])
     poses = np.concatenate([path_of(model, camera)[1] for camera in range(len(footage.videos))])
+    lenses = [reconstruction.cameras[c + 1].params for c in range(len(footage.videos))]
     tracks = [point.track.length() for point in reconstruction.points3D.values()]
     np.savez(
         folder / "result.npz",
         places=np.array(places),
         cam_from_world=poses,
-        lens=np.stack([reconstruction.cameras[c + 1].params for c in range(len(footage.videos))]),
+        intrinsics=np.array([[[f, 0, x], [0, f, y], [0, 0, 1]] for f, x, y, _ in lenses]),
+        distortion=np.array([[k1, 0, 0, 0, 0] for *_, k1 in lenses]),
         points=np.array([point.xyz for point in reconstruction.points3D.values()]),
         distance=median_depth(reconstruction),
         track_lengths=np.array(tracks),
@@ -163,16 +167,22 @@ def _tell(**message: object) -> None:
     print(json.dumps(message), file=sys.__stdout__, flush=True)
 
 
+def _report(stage: str, done: int, total: int) -> None:
+    _tell(progress=[stage, done, total])
+
+
 def main(task: str, folder: Path) -> int:
-    """Do the task, `reconstruct` or one of the short ones, in `folder`; return the exit code."""
+    """Do the task, `reconstruct`, `static` or one of the short ones, in `folder`; return the exit code."""
     pycolmap.logging.minloglevel = 2
     if task in _SHORT:
         _SHORT[task](folder)
         return 0
     footage = Footage.from_file(folder / "job.json")
     try:
-        model, repairs = reconstruct(footage, folder, lambda stage, done, total: _tell(progress=[stage, done, total]))
-        write_result(model, repairs, folder)
+        if task == "static":
+            reconstruct_static(footage, folder, _report)
+        else:
+            write_result(*reconstruct(footage, folder, _report), folder)
     except InputError as error:
         _tell(error=str(error))
         return 2

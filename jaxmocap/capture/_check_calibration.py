@@ -16,6 +16,9 @@ from ._config import Finding
 _LARGEST_RESIDUAL = 1.0  # pixels at a width of 960
 _LARGEST_AT_PERSON = 0.03  # metres by which a pose's deviation moves the person in its view
 _LARGEST_SCALE = 0.03
+_LARGEST_HEIGHT_SCALE = 0.05
+_LARGEST_KEYPOINT_RESIDUAL = 8.0  # pixels at a width of 960
+_LARGEST_TURN = 3.0  # degrees
 
 
 def check_calibration(capture: Capture, cameras: Cameras, distance: float | None) -> Iterator[Finding]:
@@ -32,7 +35,8 @@ def check_calibration(capture: Capture, cameras: Cameras, distance: float | None
         record = json.loads(report.read_text(encoding="utf-8"))
         table = json.loads((folder / "uncertainty.json").read_text(encoding="utf-8"))
         for camera, name in enumerate(cameras.names):
-            yield from _camera(capture, camera, record["cameras"][name], table[name], distance)
+            about = _static_camera if record.get("from") == "person" else _camera
+            yield from about(capture, camera, record["cameras"][name], table[name], distance)
         yield from _world(record, folder.name, (folder / "calibration.png").is_file())
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
         yield Finding(
@@ -41,6 +45,21 @@ def check_calibration(capture: Capture, cameras: Cameras, distance: float | None
             f"{report} and uncertainty.json are not what calibrate writes ({type(error).__name__}: {error}); remove "
             f"them, or run jaxmocap calibrate {capture.folder} --replace",
         )
+
+
+def well_placed_frames(capture: Capture, camera: int) -> set[int]:
+    """The frames of a camera's own video whose poses fit what they see, by the report beside the model; none without
+    one."""
+    folder = capture.cameras_path
+    if folder is None or not (folder / "uncertainty.json").is_file():
+        return set()
+    limit = _LARGEST_RESIDUAL * max(capture.sizes[camera]) / 960
+    try:
+        table = json.loads((folder / "uncertainty.json").read_text(encoding="utf-8"))[capture.camera_names[camera]]
+        rows = zip(table["frame"], table["residual"], table["how"], strict=True)
+        return {int(frame) for frame, residual, how in rows if how != "interpolated" and float(residual) < limit}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return set()  # `check_calibration` says so
 
 
 def _camera(
@@ -92,18 +111,49 @@ def _camera(
             )
 
 
+def _static_camera(
+    capture: Capture, camera: int, record: dict[str, Any], table: dict[str, Any], distance: float | None
+) -> Iterator[Finding]:
+    """Of a camera that stands still, which was placed by the person."""
+    name, scale = capture.camera_names[camera], max(capture.sizes[camera]) / 960
+    residual, turn = float(record["median_residual_pixels"]), float(record["rotation_deviation_degrees"])
+    yield Finding(
+        "note",
+        name,
+        f"{name} stands still and was placed by the person's keypoints, which fit to {residual:.1f} pixels; its focal "
+        f"length is {record['focal_pixels']:.0f} pixels, its orientation is known to {turn:.1f} degrees",
+    )
+    if residual > _LARGEST_KEYPOINT_RESIDUAL * scale:
+        yield Finding(
+            "warning",
+            name,
+            f"the person's keypoints fit {name} only to {residual:.1f} pixels, expected below "
+            f"{_LARGEST_KEYPOINT_RESIDUAL * scale:.0f}: another person, another moment (offset), or a poor detector",
+        )
+    if turn > _LARGEST_TURN:
+        yield Finding(
+            "warning",
+            name,
+            f"{name}'s orientation is known only to {turn:.1f} degrees: film the person walking about the whole of the "
+            "place, towards the cameras and across, or give the focal lengths with --focal",
+        )
+
+
 def _world(record: dict[str, Any], folder: str, has_picture: bool) -> Iterator[Finding]:
     scale, gravity = record["scale"], record["gravity"]
-    deviation = float(scale["relative_deviation"])
+    deviation, more = float(scale["relative_deviation"]), ""
+    doubtful = deviation > _LARGEST_SCALE
+    if doubtful and scale["from"] == "height" and deviation < _LARGEST_HEIGHT_SCALE:
+        doubtful, more = (
+            False,
+            ", since limbs of people of one height differ; an actor or --camera-distance tell it better",
+        )
+    elif doubtful:
+        more = "; more frames with keypoints make it surer, or --camera-distance with a measured length"
     yield Finding(
-        "note" if deviation <= _LARGEST_SCALE else "warning",
+        "warning" if doubtful else "note",
         folder,
-        f"the scale is from the {scale['from']}, to {100 * deviation:.1f} %, and up from the {gravity['from']}"
-        + (
-            ""
-            if deviation <= _LARGEST_SCALE
-            else "; more frames with keypoints make it surer, or --camera-distance with a measured length"
-        ),
+        f"the scale is from the {scale['from']}, to {100 * deviation:.1f} %, and up from the {gravity['from']}{more}",
     )
     for warning in record["warnings"]:
         yield Finding("warning", folder, str(warning))

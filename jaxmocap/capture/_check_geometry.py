@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from jaxmocap.camera import Cameras, View, project, ranges, triangulate
 
 from ._capture import KEYPOINT_NAMES, Capture
+from ._check_calibration import well_placed_frames
 from ._config import Finding
 
 _MOST_FRAMES = 12
@@ -48,8 +49,21 @@ def check_paths(capture: Capture, cameras: Cameras) -> Iterator[Finding]:
         extent = np.linalg.norm(centres - centres.mean(axis=0), axis=1).max() * 2
         yield Finding("note", name, f"{name} moves within {extent:.2f} m")
         jumps = np.flatnonzero((metres > 0.1 + 8 * np.median(metres)) | (degrees > 5 + 8 * np.median(degrees))) + 1
+        sure = well_placed_frames(capture, index)
+        numbers = capture.video_frames[index]
+        fast = [jump for jump in jumps if int(numbers[jump]) in sure and int(numbers[jump - 1]) in sure]
+        if fast:
+            own = numbers[fast]
+            yield Finding(
+                "note",
+                f"{name} frame {ranges([int(f) for f in own])}",
+                f"{name} moves by up to {metres[np.array(fast) - 1].max():.2f} m and "
+                f"{degrees[np.array(fast) - 1].max():.0f} degrees from one frame to frame "
+                f"{ranges([int(f) for f in own])}; the background fits its poses there, so it was quick",
+            )
+        jumps = np.setdiff1d(jumps, fast)
         if len(jumps):
-            own = capture.video_frames[index, jumps]
+            own = numbers[jumps]
             yield Finding(
                 "warning",
                 f"{name} frame {ranges([int(f) for f in own])}",

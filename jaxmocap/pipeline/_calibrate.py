@@ -21,12 +21,17 @@ def calibrate(
     camera_distance: float | None = None,
     up: tuple[float, float, float] | None = None,
     focal: Mapping[str, float] | None = None,
+    intrinsics: str | Path | None = None,
+    static: bool = False,
     key_step: int = 5,
     seed: int = 0,
     say: Callable[[str], None] = lambda sentence: None,
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> Calibration:
-    """Find the poses at every frame, the focal lengths and the radial distortion of moving cameras from their videos.
+    """Find the poses at every frame, the focal lengths and the radial distortion of cameras from their videos.
+
+    Cameras that move are found by the background that they see; cameras that all stand still (told by their background,
+    or with `static`) by the person's keypoints at all frames.
 
     `capture` is an open `Capture`, and nothing is written; or a capture folder or its `capture.toml`, in which a new
     folder is written and named as `cameras`; or, with `out`, a list of videos, which are synchronised and become the
@@ -36,7 +41,8 @@ def calibrate(
     Scale: `camera_distance`, metres between the first two cameras at their first shared frame; else the person's bones,
     from keypoints in two views, against the capture's actor, or against a person of `height` metres. Up: the direction
     `up` in the first camera at the first shared frame (x right, y down, z forward), else found. `focal` lengths in
-    pixels, by camera, are kept; without them they are found. `say` takes sentences about what is assumed.
+    pixels, by camera, are kept; without them they are found. `intrinsics` is a calibration file whose lenses are kept,
+    of cameras that stand still; its poses do not count. `say` takes sentences about what is assumed.
 
     Raises `InputError`, with nothing changed on disk, for footage that cannot be calibrated.
     """
@@ -45,6 +51,8 @@ def calibrate(
         "camera_distance": camera_distance,
         "up": up,
         "focal": focal,
+        "intrinsics": intrinsics,
+        "static": static,
         "key_step": key_step,
         "seed": seed,
         "progress": progress,
@@ -68,10 +76,13 @@ def _calibrate_videos(
     videos: Sequence[str | Path], out: Path, say: Callable[[str], None], options: dict
 ) -> Calibration:
     if options["camera_distance"] is None:
+        height = options["height"]
+        with_height = "" if height is None else "--height counts with keypoints, which a list of videos has not: "
         raise InputError(
-            "videos alone do not tell their scale: give the metres between the first two cameras at their first shared "
-            f"frame with --camera-distance, or make the capture with jaxmocap sync --out {out}, add the actor and "
-            "keypoints to it, and calibrate that"
+            f"{with_height}videos alone do not tell their scale; give the metres between the first two cameras at "
+            "their first shared frame with --camera-distance, or make the capture first: jaxmocap sync "
+            f"{' '.join(map(str, videos))} --out {out}, then jaxmocap detect {out}, then jaxmocap calibrate {out} "
+            f"--height {1.75 if height is None else height:g}"
         )
     with new_capture(videos, out, progress=options["progress"]) as (plan, partial):
         for note in plan.found.notes:

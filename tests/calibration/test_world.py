@@ -100,7 +100,7 @@ def test_the_jacobian_is_that_of_finite_differences(monkeypatch):
         raise StopIteration
 
     views = [view(p, p, 3.0, generator) for p in poses]
-    monkeypatch.setattr(_scale, "_solved", record)
+    monkeypatch.setattr(_scale, "minimise", record)
     with pytest.raises(StopIteration):
         fit_scale(views, LENGTHS, "actor", 960)
     ((problem, initial),) = problems
