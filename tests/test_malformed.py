@@ -97,7 +97,7 @@ BYTES: dict[str, Damage] = {
 }
 
 CAPTURE = {
-    'up = "y"': ('up = "x"', "up = 3", "up = nan", 'up = "<b>y</b>"'),
+    'up = "y"': ('up = "w"', "up = 3", "up = nan", 'up = "<b>y</b>"'),
     "fps = 30": ("fps = 0", "fps = -30", "fps = nan", "fps = inf", "fps = 1e400", 'fps = "30"', "fps = []"),
     "frames = 4": ("frames = -4", "frames = 10000000000000000000000", "frames = 4.5", "frames = true", "frames = 9"),
     'units = "metres"': ('units = "feet"', "units = 1", 'units = "metres"\nunits = "metres"'),

@@ -93,6 +93,9 @@ Settings = Annotated[
 ]
 
 
+_SPAN = re.compile(r"\s*(\d*)\s*:\s*(\d*)\s*")
+
+
 def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
     """Read `--set NAME=VALUE ...` as a dictionary."""
     found = {}
@@ -104,14 +107,22 @@ def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def frame_span(text: str | None, num_frames: int, name: str = "--frames") -> tuple[int, int] | None:
-    """Read `--frames A:B` as (A, B) within a capture of `num_frames`; None for all frames."""
+def open_span(text: str | None, name: str = "--frames") -> tuple[int, int | None] | None:
+    """Read `--frames A:B` as (A, B) where it is not yet known how many frames there are; B is None for the last."""
     if text is None:
         return None
-    found = re.fullmatch(r"\s*(\d*)\s*:\s*(\d*)\s*", text)
+    found = _SPAN.fullmatch(text)
     if found is None:
         raise InputError(f"{name} is {text!r}; A:B with whole numbers was expected, such as 10:40, 10: or :40.")
-    start, stop = int(found[1] or 0), int(found[2] or num_frames)
+    return int(found[1] or 0), int(found[2]) if found[2] else None
+
+
+def frame_span(text: str | None, num_frames: int, name: str = "--frames") -> tuple[int, int] | None:
+    """Read `--frames A:B` as (A, B) within a capture of `num_frames`; None for all frames."""
+    span = open_span(text, name)
+    if span is None:
+        return None
+    start, stop = span[0], num_frames if span[1] is None else span[1]
     if not start < stop <= num_frames:
         raise InputError(
             f"{name} is {text!r}, but the capture has {num_frames} frames: A:B needs 0 <= A < B <= {num_frames}."

@@ -89,7 +89,7 @@ def calibrate(
             up=_direction(up),
             focal=lengths,
             intrinsics=intrinsics,
-            static=static,
+            static=static or None,
             key_step=key_step,
             seed=seed,
             say=say,

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from jaxmocap._results import InputError
 
-from ._arguments import CapturePath, Json
+from ._arguments import CapturePath, FrameSpan, Json, open_span
 from ._output import say, show
 
 if TYPE_CHECKING:
@@ -28,12 +28,14 @@ def check(
             help_behavior_hint="",
         ),
     ] = None,
+    frames: FrameSpan = None,
     json: Json = False,
 ) -> int:
     """Say everything that is wrong with a capture, before tracking. Exits with 2 if there are errors."""
+    span = open_span(frames)
     if picture is not None:
         _draw(capture, picture)
-    findings = examine(capture)
+    findings = examine(capture, span)
     show([vars(finding) for finding in findings], lambda: findings_table(findings, capture), json_wanted=json)
     return 2 if any(finding.severity == "error" for finding in findings) else 0
 
@@ -53,11 +55,11 @@ def _draw(path: Path, file: Path) -> None:
     say(f"{file} shows the cameras.")
 
 
-def examine(path: Path) -> "list[Finding]":
-    """Find what is wrong with a capture and with its actor, errors first."""
+def examine(path: Path, frames: tuple[int, int | None] | None = None) -> "list[Finding]":
+    """Find what is wrong with a capture, in some of its frames if asked, and with its actor, errors first."""
     from jaxmocap.capture import Finding, check
 
-    findings = check(path)
+    findings = check(path, frames)
     order = ("error", "warning", "note")
     if not any(finding.severity == "error" for finding in findings):
         findings = findings + _about_actor(path)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 from rich.table import Table
 
-from ._arguments import CaptureOrVideos, Json, NewCapture
+from ._arguments import CaptureOrVideos, FrameSpan, Json, NewCapture, open_span
 from ._output import progress, say, show
 
 if TYPE_CHECKING:
@@ -19,13 +19,16 @@ def sync(
         Literal["auto", "flash", "sound", "motion"],
         tyro.conf.arg(help="What to go by; auto asks all and says where they disagree."),
     ] = "auto",
+    frames: FrameSpan = None,
     json: Json = False,
 ) -> int:
-    """Find when each video started, by a flash, by sound or by motion, and write the offsets into capture.toml."""
+    """Find when each video started, by a flash, by sound or by motion, and write the offsets into capture.toml.
+
+    --frames are those of each video that count, numbered from its own first."""
     from jaxmocap.pipeline import sync
 
     with progress() as report:
-        found = sync(capture, out, method=method, progress=report)
+        found = sync(capture, out, method=method, frames=open_span(frames) or (0, None), progress=report)
     record = found.record()
     for note in found.notes:
         say(f"{note}.")

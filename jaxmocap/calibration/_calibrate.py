@@ -69,15 +69,15 @@ def calibrate(
     up: tuple[float, float, float] | None = None,
     focal: Mapping[str, float] | None = None,
     intrinsics: str | Path | None = None,
-    static: bool = False,
+    static: bool | None = None,
     key_step: int = 5,
     seed: int = 0,
     progress: Report = lambda stage, done, total: None,
 ) -> Calibration:
     """Find poses at all frames, focal lengths and radial distortion of all cameras of a capture, from its videos.
 
-    Cameras that move are found by the background that they see; cameras that all stand still, or with `static`, by the
-    person's keypoints at all frames.
+    Cameras that move are found by the background that they see; cameras that all stand still by the person's
+    keypoints at all frames. Which it is, is told by the background, or by `static`.
 
     Scale: `camera_distance`, metres between the first two cameras at the first shared frame; else the person's bones,
     from keypoints in two views, against the capture's actor, or against a person of `height` metres. Up: the direction

@@ -146,8 +146,9 @@ def draw_paths(
     it looks; poses `interpolated` (camera, frame of its own video) are rings.
     """
     centres = -np.einsum("ctji,ctj->cti", poses[..., :3, :3], poses[..., :3, 3])
-    above = np.array([[1, 0, 0], [0, 0, 1]] if capture.up == "y" else [[1, 0, 0], [0, -1, 0]], float)
-    side = np.array([[1, 0, 0], [0, -1, 0]] if capture.up == "y" else [[1, 0, 0], [0, 0, -1]], float)
+    x, y, z = np.eye(3)
+    above = np.stack({"x": (-y, z), "y": (x, z), "z": (x, -y)}[capture.up])
+    side = np.stack({"x": (-y, -x), "y": (x, -y), "z": (x, -z)}[capture.up])
     content = np.concatenate([centres.reshape(-1, 3), person.reshape(-1, 3), np.zeros((1, 3))])
     low, high = content.min(0) - 1.0, content.max(0) + 1.0
     panels = []

@@ -49,8 +49,10 @@ class Route:
             ) from error
 
 
-def choose_route(capture: Capture, footage: Footage, static: bool, intrinsics: Path | None, report: Report) -> Route:
-    """Look whether the cameras move, unless told that they are `static`.
+def choose_route(
+    capture: Capture, footage: Footage, static: bool | None, intrinsics: Path | None, report: Report
+) -> Route:
+    """Look whether the cameras move, unless told whether they are `static`.
 
     Cameras that stand still and have no keypoints may be found by their background if their focal lengths are known.
     Raises `InputError` where cameras stand still and the person cannot tell them, and where they do not and have
@@ -63,8 +65,8 @@ def choose_route(capture: Capture, footage: Footage, static: bool, intrinsics: P
         raise InputError(
             f"--static was given, but {_move(moving)}: leave it out, or film again with all phones on tripods"
         )
-    by_person = static or len(still) == len(found)
-    if by_person and footage.focal_known and intrinsics is None and not static and capture.keypoints_folder is None:
+    by_person = len(still) == len(found) if static is None else static
+    if by_person and footage.focal_known and intrinsics is None and static is None and capture.keypoints_folder is None:
         by_person = False
     if intrinsics is not None and not by_person:
         raise InputError(

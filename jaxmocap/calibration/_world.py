@@ -161,10 +161,10 @@ def world_from_model(
     subject: Float[np.ndarray, "point 3"],
     ankles: Float[np.ndarray, "ankle 3"],
 ) -> Similarity:
-    """Find metric_world_from_model: metres, `up_axis` ("y" or "z") up, the origin on the ground under the person.
+    """Find metric_world_from_model: metres, `up_axis` ("x", "y" or "z") up, the origin on the ground under the person.
 
-    The person is the median of the `subject` points; the first pose's camera stands on the side of +z (y up) or -y (z
-    up). `ankles` give the ground where the model has no plane for it.
+    The person is the median of the `subject` points; the first pose's camera stands on the side of +z (x or y up) or
+    -y (z up). `ankles` give the ground where the model has no plane for it.
     """
     up = gravity.up / np.linalg.norm(gravity.up)
     middle = np.median(subject, axis=0)
@@ -174,7 +174,8 @@ def world_from_model(
         towards = np.eye(3)[np.abs(up).argmin()] - up * up[np.abs(up).argmin()]
     towards = towards / np.linalg.norm(towards)
     across = np.cross(up, towards)
-    rotation = np.stack([across, up, towards] if up_axis == "y" else [across, -towards, up])
+    axes = {"x": (up, -across, towards), "y": (across, up, towards), "z": (across, -towards, up)}
+    rotation = np.stack(axes[up_axis])
     if gravity.ground is not None:
         normal, offset = gravity.ground.normal, gravity.ground.offset
         height = float(middle @ up + (offset - normal @ middle) / (normal @ up))  # of the ground below the person

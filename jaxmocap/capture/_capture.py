@@ -40,7 +40,7 @@ class Capture:
     name: for reports.
     fps: nominal frames per second.
     num_frames: frames that all cameras share.
-    up: the world's vertical axis, "y" or "z".
+    up: the world's vertical axis, "x", "y" or "z".
     metres_per_unit: of the calibration's lengths.
     actor: file of the character; None: not given.
     camera_names: one per camera, by which files are named.

@@ -1,6 +1,7 @@
 """`check`: every precheck in one pass."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -117,10 +118,27 @@ def _about_person(capture: Capture, cameras: Cameras) -> list[Finding]:
     return [*findings, *check_views(capture, cameras, people), *check_calibration(capture, cameras, distance)]
 
 
-def check(path: str | Path) -> list[Finding]:
+def _between(capture: Capture, start: int, stop: int | None) -> Capture:
+    """The capture of some of the shared frames."""
+    stop = capture.num_frames if stop is None else stop
+    if not 0 <= start < stop <= capture.num_frames:
+        raise InputError(
+            f"frames {start}:{stop} were asked for, and the capture has {capture.num_frames}: A:B needs "
+            f"0 <= A < B <= {capture.num_frames}"
+        )
+    selected = capture.selected_frames
+    if selected is not None:
+        selected = tuple(frame - start for frame in selected if start <= frame < stop) or None
+    own = capture.video_frames[:, start:stop]
+    return replace(capture, video_frames=own, num_frames=stop - start, selected_frames=selected)
+
+
+def check(path: str | Path, frames: tuple[int, int | None] | None = None) -> list[Finding]:
     """List everything that is wrong or worth knowing about a capture, errors first; nothing stops at the first problem.
 
     Videos are decoded (long ones at the beginning, middle and end). Errors carry the sentences `Capture.open` raises.
+    With `frames`, what is said about cameras and person is about the shared frames from the first to before the second,
+    None for the last; the files are examined whole.
     """
     findings: list[Finding] = []
     file = _attempt(findings, str(path), lambda: config_path(path))
@@ -142,6 +160,8 @@ def check(path: str | Path) -> list[Finding]:
     findings += check_videos(config, indices)
     findings += check_sync(file, config)
     capture = _build_what_can_be(file, config, indices, findings)
+    if capture is not None and frames is not None:
+        capture = _attempt(findings, "frames", lambda whole=capture: _between(whole, *frames))
     if capture is not None:
         findings += [finding for finding in capture.findings if finding not in findings]
         findings += _made_smaller(capture, config.longest_side)

@@ -16,6 +16,8 @@ from ._config import Finding
 _LARGEST_RESIDUAL = 1.0  # pixels at a width of 960
 _LARGEST_AT_PERSON = 0.03  # metres by which a pose's deviation moves the person in its view
 _LARGEST_SCALE = 0.03
+_LARGEST_OF_BLUR = 2.0  # pixels, of single frames, which a quick turn blurs
+_SURE = 0.5  # degrees
 _LARGEST_HEIGHT_SCALE = 0.05
 _LARGEST_KEYPOINT_RESIDUAL = 8.0  # pixels at a width of 960
 _LARGEST_TURN = 3.0  # degrees
@@ -53,11 +55,15 @@ def well_placed_frames(capture: Capture, camera: int) -> set[int]:
     folder = capture.cameras_path
     if folder is None or not (folder / "uncertainty.json").is_file():
         return set()
-    limit = _LARGEST_RESIDUAL * max(capture.sizes[camera]) / 960
+    limit = _LARGEST_OF_BLUR * max(capture.sizes[camera]) / 960
     try:
         table = json.loads((folder / "uncertainty.json").read_text(encoding="utf-8"))[capture.camera_names[camera]]
-        rows = zip(table["frame"], table["residual"], table["how"], strict=True)
-        return {int(frame) for frame, residual, how in rows if how != "interpolated" and float(residual) < limit}
+        rows = zip(table["frame"], table["residual"], table["rotation_deviation"], table["how"], strict=True)
+        return {
+            int(frame)
+            for frame, residual, turn, how in rows
+            if how != "interpolated" and float(residual) < limit and float(turn) < _SURE
+        }
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return set()  # `check_calibration` says so
 

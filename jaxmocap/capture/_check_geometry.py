@@ -18,6 +18,7 @@ from ._config import Finding
 _MOST_FRAMES = 12
 _CONFIDENT = 0.3
 _LARGEST_RESIDUAL = 25.0  # pixels
+_FASTEST = 5.0  # metres a second, of a hand or a head, which turns as fast as it likes
 _SMALLEST_ANGLE = 8.0  # degrees
 _CHAIN = (
     (("neck", "pelvis"),),
@@ -51,7 +52,8 @@ def check_paths(capture: Capture, cameras: Cameras) -> Iterator[Finding]:
         jumps = np.flatnonzero((metres > 0.1 + 8 * np.median(metres)) | (degrees > 5 + 8 * np.median(degrees))) + 1
         sure = well_placed_frames(capture, index)
         numbers = capture.video_frames[index]
-        fast = [jump for jump in jumps if int(numbers[jump]) in sure and int(numbers[jump - 1]) in sure]
+        slow = metres * capture.fps < _FASTEST
+        fast = [j for j in jumps if slow[j - 1] and int(numbers[j]) in sure and int(numbers[j - 1]) in sure]
         if fast:
             own = numbers[fast]
             yield Finding(

@@ -99,7 +99,7 @@ class CaptureConfig(BaseModel):
     fps: Annotated[FiniteFloat, Field(gt=0)] | None = None
     frames: Annotated[int, Field(gt=0)] | None = None
     units: Literal["metres", "centimetres", "millimetres"] = "metres"
-    up: Literal["y", "z"] = "y"
+    up: Literal["x", "y", "z"] = "y"
     actor: InsidePath | None = None
     cameras: InsidePath | None = None
     selected_frames: list[int] | None = None

@@ -12,7 +12,7 @@ from ._capture import build
 from ._config import CameraEntry, CaptureConfig, config_path, read_config
 from ._edit_config import with_offsets
 from ._video import VideoIndex, index_video
-from .synchronisation import Progress, Synchronisation, SyncMethod, synchronise
+from .synchronisation import Progress, Span, Synchronisation, SyncMethod, synchronise
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,10 @@ class SyncPlan:
     copies: Mapping[str, Path] = field(default_factory=dict)
 
 
-def plan_sync(path: str | Path, method: SyncMethod = "auto", progress: Progress | None = None) -> SyncPlan:
-    """Synchronise the videos of a capture, with or without cameras. Writes nothing.
+def plan_sync(
+    path: str | Path, method: SyncMethod = "auto", progress: Progress | None = None, span: Span = (0, None)
+) -> SyncPlan:
+    """Synchronise the videos of a capture, with or without cameras, by a span of their frames. Writes nothing.
 
     Raises `InputError` if `capture.toml` or a video cannot be used, or no method can decide.
     """
@@ -43,7 +45,7 @@ def plan_sync(path: str | Path, method: SyncMethod = "auto", progress: Progress 
     text = file.read_bytes().decode("utf-8")
     names = [entry.name for entry in config.camera]
     videos = [index_video(file.parent / entry.video) for entry in config.camera]
-    found = synchronise(videos, names, method, progress)
+    found = synchronise(videos, names, method, progress, span)
     found = replace(found, notes=(*found.notes, *_consequences(file, config, videos, found)))
     return SyncPlan(file, with_offsets(text, found.offsets, file), found)
 
@@ -63,15 +65,20 @@ def _consequences(
 
 
 def plan_new_capture(
-    videos: Sequence[str | Path], folder: str | Path, method: SyncMethod = "auto", progress: Progress | None = None
+    videos: Sequence[str | Path],
+    folder: str | Path,
+    method: SyncMethod = "auto",
+    progress: Progress | None = None,
+    span: Span = (0, None),
 ) -> SyncPlan:
-    """Synchronise videos for a new capture in `folder`, whose cameras are named like the files. Writes nothing."""
+    """Synchronise videos for a new capture in `folder`, whose cameras are named like the files, by a span of their
+    frames. Writes nothing."""
     folder, paths = Path(folder), [Path(video) for video in videos]
     if len(paths) < 2:
         raise InputError(f"a new capture needs two or more videos, and {len(paths)} was given")
     indices = [index_video(path) for path in paths]
     names = camera_names(paths)
-    found = synchronise(indices, names, method, progress)
+    found = synchronise(indices, names, method, progress, span)
     copies = video_names(paths, names)
     text = new_capture_text(folder, found.frame, dict(zip(names, copies, strict=True)), found.offsets)
     return SyncPlan(folder / "capture.toml", text, found, copies)

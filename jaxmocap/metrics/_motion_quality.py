@@ -35,7 +35,7 @@ def foot_skate(motion: Motion, height: float = 0.025) -> FootSkate:
     who weigh speeds by height where we count them or do not. The ground is taken to be level. Dancers slide on purpose:
     a large value is a reason to look, not an error.
     """
-    up = 1 if motion.up == "y" else 2
+    up = "xyz".index(motion.up)
     names = [[motion.joint_names.index(f"{side[0]}_{point}") for point in _POINTS] for side in FEET]
     places = motion.joints[:, names].astype(np.float64)  # frame, foot, point, 3
     heights = places[..., up]

@@ -94,15 +94,19 @@ def _slerp(
     return Slerp(timestamps, Rotation.from_matrix(matrices))(times).as_matrix()
 
 
-_Y_FROM_Z = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+_Y_FROM = {
+    "x": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "y": np.eye(3),
+    "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+}
 
 
 def turned(motion: Motion, up: str) -> Motion:
-    """Turn the motion into a world whose vertical axis is `up`; x stays."""
+    """Turn the motion into a world whose vertical axis is `up`; x stays between y and z, z between x and y."""
     if up == motion.up:
         return motion
     turn = np.eye(4)
-    turn[:3, :3] = _Y_FROM_Z if up == "y" else _Y_FROM_Z.T
+    turn[:3, :3] = _Y_FROM[up].T @ _Y_FROM[motion.up]
     cameras = motion.cameras
     if cameras is not None:
         cameras = replace(cameras, cam_from_world=jnp.asarray(np.asarray(cameras.cam_from_world, float) @ turn.T))

@@ -28,7 +28,7 @@ class Motion:
     of their places, square metres. `energy` holds each term's value per frame, NaN where it was not evaluated. `status`
     says per frame "ok", "doubtful" or "lost". `cameras`, when known, has the frame axis of this motion. `provenance`
     holds whatever tells how it was made, as JSON knows it; the key `seconds_per_frame` is read by `evaluate`. `up` is
-    the world's vertical axis, "y" or "z".
+    the world's vertical axis, "x", "y" or "z".
 
     Raises `InputError` if shapes disagree, a pose is not finite or rigid, frames or timestamps do not increase, or a
     status is unknown.
@@ -244,5 +244,5 @@ def _validate(motion: Motion) -> None:
     broken = np.flatnonzero((drift > 1e-2) | (last_row > 1e-3) | (np.linalg.det(rotation) < 0))
     if len(broken):
         raise InputError(f"The motion's root at frame {motion.frames[broken[0]]} is not a rigid transform.")
-    if motion.up not in ("y", "z"):
-        raise InputError(f"The motion's vertical axis is {motion.up!r}; 'y' or 'z' was expected.")
+    if motion.up not in ("x", "y", "z"):
+        raise InputError(f"The motion's vertical axis is {motion.up!r}; 'x', 'y' or 'z' was expected.")

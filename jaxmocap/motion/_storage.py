@@ -21,7 +21,7 @@ radians, seconds, pixels.
     dof_spread (D,), distal_dofs, posture_dofs                                              how a search treats them
     landmark_bodies (J,), landmarks (J, 3)                                                  at rest
     capsules (B, 7)              per body the ends of a segment and a radius around it, at rest; made of the mesh
-    up (), provenance ()         "y" or "z"; a JSON text
+    up (), provenance ()         "x", "y" or "z"; a JSON text
     camera_names (C,), camera_sizes (C, 2), camera_intrinsics (C, 3, 3), camera_distortion (C, 5),
     cam_from_world (C, T, 4, 4)  only where the cameras are known
 """

@@ -22,7 +22,7 @@ def calibrate(
     up: tuple[float, float, float] | None = None,
     focal: Mapping[str, float] | None = None,
     intrinsics: str | Path | None = None,
-    static: bool = False,
+    static: bool | None = None,
     key_step: int = 5,
     seed: int = 0,
     say: Callable[[str], None] = lambda sentence: None,
@@ -31,7 +31,7 @@ def calibrate(
     """Find the poses at every frame, the focal lengths and the radial distortion of cameras from their videos.
 
     Cameras that move are found by the background that they see; cameras that all stand still (told by their background,
-    or with `static`) by the person's keypoints at all frames.
+    or by `static`, which is true or false) by the person's keypoints at all frames.
 
     `capture` is an open `Capture`, and nothing is written; or a capture folder or its `capture.toml`, in which a new
     folder is written and named as `cameras`; or, with `out`, a list of videos, which are synchronised and become the

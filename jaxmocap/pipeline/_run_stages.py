@@ -296,6 +296,7 @@ class RunWork:
             height=options.height,
             camera_distance=options.camera_distance,
             focal=dict(options.focal),
+            static=options.static,
             seed=options.seed,
             say=self.say,
             progress=self.progress,

@@ -15,13 +15,15 @@ def sync(
     out: str | Path | None = None,
     *,
     method: SyncMethod = "auto",
+    frames: tuple[int, int | None] = (0, None),
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Synchronisation:
     """Find when each video of a capture started, by a flash, by sound and by motion, and write it down.
 
     `capture` is a capture folder or its `capture.toml`, in which `offset` of every camera is set, everything else
     staying as it is; with `out` it is a list of videos, which are copied into this new capture folder. `sync.json`
-    beside `capture.toml` holds each method's estimate. `method` is "auto", "flash", "sound" or "motion".
+    beside `capture.toml` holds each method's estimate. `method` is "auto", "flash", "sound" or "motion". Only
+    `frames` of each video count, from the first to before the second, None for the last.
 
     Raises `InputError`, with nothing changed on disk, if the videos cannot be read or no method can decide.
     """
@@ -32,10 +34,10 @@ def sync(
                 f"{len(capture)} paths were given; give one capture folder, or two or more videos and a new folder "
                 "with --out"
             )
-        plan = plan_sync(capture[0] if several else capture, method, progress)
+        plan = plan_sync(capture[0] if several else capture, method, progress, frames)
         _complete(plan)
     else:
-        with new_capture(list(capture) if several else [capture], Path(out), method, progress) as (plan, _):
+        with new_capture(list(capture) if several else [capture], Path(out), method, progress, frames) as (plan, _):
             pass
     return plan.found
 
@@ -46,12 +48,13 @@ def new_capture(
     out: Path,
     method: SyncMethod = "auto",
     progress: Callable[[str, int, int], None] | None = None,
+    frames: tuple[int, int | None] = (0, None),
 ) -> Iterator[tuple[SyncPlan, Path]]:
     """Synchronise videos and copy them into a capture that becomes `out` when the block ends well, and vanishes when it
     raises; what was found, and the folder in which the block may complete it."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} exists already; choose a new folder for the capture")
-    plan = plan_new_capture(videos, out, method, progress)
+    plan = plan_new_capture(videos, out, method, progress, frames)
     try:
         with atomic_folder(out) as partial:
             for name, video in plan.copies.items():

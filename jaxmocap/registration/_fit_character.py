@@ -104,6 +104,13 @@ def fit_character(
     tell = progress or (lambda stage, done, total: None)
     asked = tuple(sorted(set(capture.selected_frames or () if frames is None else frames)))
     chosen = usable_frames(capture, cameras, asked)
+    having = [name for camera, name in enumerate(capture.camera_names) if capture.keypoint_frames(camera)]
+    if len(chosen) < FEWEST_FRAMES and len(having) == 1:
+        raise InputError(
+            f"capture '{capture.name}': only '{having[0]}' has keypoints, and one view cannot be measured; add "
+            f"keypoints of another camera (jaxmocap detect {capture.folder}), or make a body of a height that you say: "
+            "jaxmocap body --out body.glb --height 1.75."
+        )
     if len(chosen) < FEWEST_FRAMES:
         listed = f" ({', '.join(map(str, asked))})" if asked else ""
         raise InputError(

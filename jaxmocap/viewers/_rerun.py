@@ -55,7 +55,7 @@ def write_rerun(
 
 def _log(recording, rr, shown: Shown) -> None:
     motion = shown.motion
-    axes = rr.ViewCoordinates.RIGHT_HAND_Y_UP if motion.up == "y" else rr.ViewCoordinates.RIGHT_HAND_Z_UP
+    axes = getattr(rr.ViewCoordinates, f"RIGHT_HAND_{motion.up.upper()}_UP")
     recording.log("world", axes, static=True)
     for index in range(len(motion)):
         recording.set_time("frame", sequence=int(motion.frames[index]))

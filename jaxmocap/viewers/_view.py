@@ -102,9 +102,10 @@ class ResultViewer:
         shown, scene = self.shown, self._server.scene
         motion = shown.motion
         scene.set_up_direction(f"+{motion.up}")
-        ground = float(np.percentile(motion.joints[..., 1 if motion.up == "y" else 2], 1))
-        at = (0.0, ground, 0.0) if motion.up == "y" else (0.0, 0.0, ground)
-        scene.add_grid("/ground", plane="xz" if motion.up == "y" else "xy", position=at, cell_size=0.5)
+        axis = "xyz".index(motion.up)
+        ground = np.zeros(3)
+        ground[axis] = np.percentile(motion.joints[..., axis], 1)
+        scene.add_grid("/ground", plane=("yz", "xz", "xy")[axis], position=tuple(ground.tolist()), cell_size=0.5)
         self._mesh = self._add_mesh("/result/mesh", motion, 0, _STATUS_COLOURS["ok"])
         self._bones = scene.add_line_segments("/result/skeleton", shown.bones(motion, 0), (20, 90, 40), thickness=0.014)
         self._other_mesh = self._other_bones = None

@@ -44,18 +44,18 @@ class CameraViews:
 
     def lead(self, client: Any, position: int, through: int | None) -> None:
         """Put a visitor's eye where a camera was; or, free, some steps before the person on the first camera's side."""
-        upright = self._shown.motion.up == "y"
+        axis = "xyz".index(self._shown.motion.up)
         if through is not None:
             _, place, rotation = self._pose_of(through, position)
             target = place + rotation[:, 2] * float(np.linalg.norm(self._middle - place))
             up, fov = -rotation[:, 1], self._fov(through)
         else:
-            away = np.array([2.5, 1.0, 2.5]) if upright else np.array([2.5, -2.5, 1.0])
+            away = np.array([[1.0, -2.5, 2.5], [2.5, 1.0, 2.5], [2.5, -2.5, 1.0]])[axis]
             if self.frusta:
                 _, place, rotation = self._pose_of(0, position)
                 away = 0.75 * (place - self._middle) + 0.6 * rotation[:, 0] - 0.5 * rotation[:, 1]
             place, target, fov = self._middle + away, self._middle, 0.9
-            up = np.array([0.0, 1.0, 0.0]) if upright else np.array([0.0, 0.0, 1.0])
+            up = np.eye(3)[axis]
         with client.atomic():
             client.camera.fov, client.camera.up_direction = fov, up
             client.camera.position, client.camera.look_at = place, target

@@ -319,7 +319,7 @@ def test_repeated_selected_frames_are_used_once_with_a_warning(small: Path):
         ('name = "cam1"\n', 'name = "cam1"\nvidoe = "x"\n', ["'camera.1.vidoe'", "did you mean 'video'"]),
         ('video = "cam1.mp4"\n', "", ["'camera.1.video' is missing"]),
         ('units = "metres"', 'units = "feet"', ["units = 'feet'", "'metres'"]),
-        ('up = "y"', 'up = "x"', ["up = 'x'", "'y' or 'z'"]),
+        ('up = "y"', 'up = "w"', ["up = 'w'", "'x', 'y' or 'z'"]),
         ("fps = 30", "fps = -1", ["fps = -1", "greater than 0"]),
         ("fps = 30", "fps = nan", ["fps = nan"]),
         ("frames = 12", "frames = 'many'", ["frames = 'many'", "integer"]),

@@ -93,10 +93,10 @@ def test_a_missing_configuration_is_a_finding(tmp_path: Path):
 
 def test_all_mistakes_of_the_configuration_are_listed(small: Path):
     _toml(small, "fps = 30", "fpps = 30")
-    _toml(small, 'up = "y"', 'up = "x"')
+    _toml(small, 'up = "y"', 'up = "w"')
     findings = check(small)
     assert _said(findings, "error", "'fpps'")
-    assert _said(findings, "error", "up = 'x'")
+    assert _said(findings, "error", "up = 'w'")
 
 
 def test_black_frames_are_named(small: Path):
@@ -251,6 +251,16 @@ def test_a_camera_that_jumps_for_one_frame_is_named(small: Path):
     (finding,) = [f for f in check(small) if "jumps" in f.message]
     assert finding.where == "cam0 frame 5-6"
     assert "calibrate again" in finding.message
+    assert not [f for f in check(small, (6, 12)) if "jumps" in f.message]
+    assert _said(check(small, (6, 99)), "error", "frames 6:99 were asked for, and the capture has 12")
+    fits = {"frame": list(range(12)), "residual": [0.03] * 12, "rotation_deviation": [0.05] * 12}
+    table = {name: fits | {"how": ["registered"] * 12} for name in ("cam0", "cam1")}
+    (small / "cameras" / "uncertainty.json").write_text(json.dumps(table))
+    assert _said(check(small), "warning", "jumps by up to 1.50 m")  # as nobody moves, whatever the background says
+    lines[2 * 5] = " ".join([*words[:5], repr(float(words[5]) + 0.12), *words[6:]])
+    file.write_text("\n".join(lines) + "\n")
+    assert not [f for f in check(small) if "jumps" in f.message]
+    assert _said(check(small), "note", "the background fits its poses there, so it was quick")
 
 
 def test_a_capture_without_cameras_and_keypoints_says_what_is_next(small: Path):

@@ -39,6 +39,18 @@ def films(made, tmp_path) -> Path:
     return Path(shutil.copytree(made, tmp_path / "films"))
 
 
+def test_only_the_frames_that_count_are_listened_to_and_looked_at(films):
+    """The flash is at frame 30 of cam0 and at frame 18 of cam1."""
+    found = plan_sync(films, "flash", span=(10, 40)).found
+    assert found.offsets == pytest.approx((0.0, 0.41), abs=0.1 / 30)
+    with pytest.raises(InputError, match="no flash"):
+        plan_sync(films, "flash", span=(40, None))
+    late = plan_sync(films, "sound", span=(20, None)).found
+    assert late.offsets == pytest.approx((0.0, 0.41), abs=0.001)
+    with pytest.raises(InputError, match="frames 500: are to count, but video"):
+        plan_sync(films, span=(500, None))
+
+
 def test_all_methods_agree_and_capture_toml_is_completed(films):
     before = (films / "capture.toml").read_text().splitlines()
     found = jm.sync(films)

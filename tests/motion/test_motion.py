@@ -132,7 +132,7 @@ def _with(motion, name, row, value):
         (lambda m: {"angles": m.angles[:5]}, r"angles has shape \(5, 33\); \(6, 33\) was expected"),
         (lambda m: {"energy": {"smooth": np.zeros(4)}}, r"energy_smooth has shape \(4,\)"),
         (lambda m: {"cameras": cameras_at(m.cameras, [0, 1])}, "cam_from_world has shape"),
-        (lambda m: {"up": "x"}, "vertical axis is 'x'"),
+        (lambda m: {"up": "w"}, "vertical axis is 'w'"),
     ],
 )
 def test_impossible_motions_are_refused_in_a_sentence(motion, change, sentence):

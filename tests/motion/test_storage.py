@@ -134,6 +134,9 @@ def test_the_covariance_is_kept_and_follows_the_world(motion, tmp_path):
     np.testing.assert_array_equal(loaded.covariance, sure.covariance)
     assert loaded[1:].covariance.shape[0] == len(motion) - 1
     np.testing.assert_allclose(turned(loaded, "z").covariance[0, 0], np.diag([1e-4, 9e-4, 4e-4]), atol=1e-9)
+    aside = turned(loaded, "x")
+    np.testing.assert_allclose(aside.joints[..., 0], loaded.joints[..., "xyz".index(loaded.up)], atol=1e-6)
+    np.testing.assert_allclose(turned(aside, loaded.up).joints, loaded.joints, atol=1e-6)
     halfway = at_times(loaded, loaded.timestamps[:-1] + 0.01).covariance
     np.testing.assert_allclose(halfway[0, 0], spread[0, 0], atol=1e-9)
     with pytest.raises(InputError, match="covariance has shape"):

@@ -3,6 +3,7 @@
 from ._estimate import SURE as SURE
 from ._synchronise import (
     Progress as Progress,
+    Span as Span,
     Synchronisation as Synchronisation,
     SyncMethod as SyncMethod,
     synchronise as synchronise,

@@ -38,6 +38,11 @@ class MotionCurve:
     seconds: Float64[np.ndarray, " step"]
     values: Float64[np.ndarray, "step channel"]
 
+    def between(self, start: float, stop: float) -> "MotionCurve":
+        """Take what happens from one second to another."""
+        inside = (self.seconds >= start) & (self.seconds < stop)
+        return MotionCurve(self.index, self.seconds[inside], self.values[inside])
+
 
 def measure_motion(
     index: VideoIndex, flashes: Collection[int] = (), progress: Callable[[float], None] | None = None

@@ -35,6 +35,14 @@ class Sound:
     samples: Float32[np.ndarray, " sample"]
     start: float
 
+    def between(self, start: float, stop: float) -> "Sound":
+        """Take what is heard from one second to another. Raises `Undecided` where that is too little."""
+        first, end = ((np.clip(at - self.start, 0, len(self.samples) / RATE) * RATE) for at in (start, stop))
+        samples = self.samples[round(float(first)) : round(float(end))]
+        if len(samples) < _SHORTEST * RATE:
+            raise Undecided(f"{self.name} has only {len(samples) / RATE:.2f} s of sound in the frames that count")
+        return Sound(self.name, samples, self.start + round(float(first)) / RATE)
+
 
 def read_sound(index: VideoIndex) -> Sound:
     """The first sound track of a video, at most half an hour of it. Gaps between its timestamps are filled by silence.

@@ -1,5 +1,6 @@
 """Videos that started at different times: the offset of each, by flash, sound and motion."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,6 +16,8 @@ from ._sound import Sound, compare_sounds, read_sound
 
 Progress = Callable[[str, int, int], None]
 SyncMethod = Literal["auto", "flash", "sound", "motion"]
+Span = tuple[int, int | None]
+"""Frames of each video, from 0: the first, and the one behind the last, None for the end."""
 
 _FEW_FRAMES = 1800  # of all videos; flow is slow, so that long ones are compared by motion only where it is needed
 
@@ -25,8 +28,9 @@ class Evidence:
     Raises `Undecided` for what a video does not have, and `InputError` where one cannot be decoded.
     """
 
-    def __init__(self, videos: Sequence[VideoIndex], progress: Progress | None = None):
+    def __init__(self, videos: Sequence[VideoIndex], progress: Progress | None = None, span: Span = (0, None)):
         self.videos = tuple(videos)
+        self._span = span
         self._progress = progress
         self._kept: dict[tuple[str, int], Any] = {}
 
@@ -49,15 +53,38 @@ class Evidence:
         return self._once("brightness", camera, measure)
 
     def flashes(self, camera: int) -> list[Flash]:
-        return self._once("flashes", camera, lambda: find_flashes(self.brightness(camera)))
+        start, stop = self._frames(camera)
+
+        def inside() -> list[Flash]:
+            return [flash for flash in find_flashes(self.brightness(camera)) if start <= flash.frame < stop]
+
+        return self._once("flashes", camera, inside)
 
     def sound(self, camera: int) -> Sound:
-        return self._once("sound", camera, lambda: read_sound(self.videos[camera]))
+        return self._once("sound", camera, lambda: read_sound(self.videos[camera]).between(*self._seconds(camera)))
 
     def motion(self, camera: int) -> MotionCurve:
         lit = [flash.frame for flash in self.flashes(camera)]
         tell = self._tell("motion", camera)
-        return self._once("motion", camera, lambda: measure_motion(self.videos[camera], lit, tell))
+
+        def measure() -> MotionCurve:
+            return measure_motion(self.videos[camera], lit, tell).between(*self._seconds(camera))
+
+        return self._once("motion", camera, measure)
+
+    def _frames(self, camera: int) -> tuple[int, int]:
+        """The first frame that counts, and the one behind the last."""
+        count = self.videos[camera].num_frames
+        return self._span[0], count if self._span[1] is None else min(self._span[1], count)
+
+    def _seconds(self, camera: int) -> tuple[float, float]:
+        """From when to when a video counts, since its first frame; all of it where all frames do."""
+        start, stop = self._frames(camera)
+        seconds = self.videos[camera].seconds
+        return (
+            -math.inf if start == 0 else float(seconds[start]),
+            math.inf if stop == len(seconds) else float(seconds[stop]),
+        )
 
     def _once(self, what: str, camera: int, measure: Callable[[], Any]) -> Any:
         key = (what, camera)
@@ -137,10 +164,15 @@ class Synchronisation:
 
 
 def synchronise(
-    videos: Sequence[VideoIndex], names: Sequence[str], method: SyncMethod = "auto", progress: Progress | None = None
+    videos: Sequence[VideoIndex],
+    names: Sequence[str],
+    method: SyncMethod = "auto",
+    progress: Progress | None = None,
+    span: Span = (0, None),
 ) -> Synchronisation:
     """Find when videos started. "auto" asks flash, sound and motion and holds them against each other.
 
+    Only the frames of a `span` of each video count, from the first to before the second, None for the last.
     Estimates agree within half a frame of the slower video. Of those that do not, the largest group that agrees is
     used, else flash before sound before motion, and a note says so. Raises `InputError` where nothing can decide.
     """
@@ -149,7 +181,14 @@ def synchronise(
     if any(video.num_frames < 2 for video in videos):
         short = next(video.path for video in videos if video.num_frames < 2)
         raise InputError(f"video {short} has one frame; nothing can be synchronised with it")
-    evidence, frame = Evidence(videos, progress), videos[0].interval
+    for video in videos:
+        if not 0 <= span[0] < (video.num_frames if span[1] is None else span[1]) - 1 or span[0] > video.num_frames - 2:
+            stop = "" if span[1] is None else span[1]
+            raise InputError(
+                f"frames {span[0]}:{stop} are to count, but video {video.path} has {video.num_frames}; two or more of "
+                "each video are needed"
+            )
+    evidence, frame = Evidence(videos, progress, span), videos[0].interval
     pairs = []
     for first, second in combinations(range(len(videos)), 2):
         tolerance = 0.5 * max(videos[first].interval, videos[second].interval)
