@@ -104,5 +104,7 @@ CARDS: dict[ModelName, ModelCard] = {
         },
         bundled=_BUNDLED,
         packages=(_NPM, _PYPI),
+        weak="BlazePose GHUM full is less exact than heavy, and in some pictures sees a person who leans far over the "
+        "wrong way round; look at the result.",
     ),
 }

@@ -14,6 +14,8 @@ _PRESENT = 0.5  # below, nobody is there (MediaPipe's min_tracking_confidence)
 _REACH = 0.5  # sides of the region by which a person who was lost may be elsewhere, and as much per picture since
 _MOVED = 0.08  # share of the region's side by which points do not move from picture to picture without being doubted
 _TURN = 0.35  # radians
+_CHECKED = 12  # pictures from one fresh finding to the next
+_SAME_PLACE = 0.15  # sides of the region within which someone found is the person who is followed
 _LONG = 15  # pictures after which a person who was lost may be anywhere, and is searched for thoroughly as rarely
 
 
@@ -101,13 +103,13 @@ class _Follower:
     def __init__(self, model: PersonModel, at: tuple[float, float] | None, notes: list[str]):
         self._model, self._at, self._notes = model, at, notes
         self._last: Sighting | None = None
-        self._missed = 0
+        self._missed = self._since = 0
 
     def next(self, picture: np.ndarray) -> Sighting | None:
         """The person in the next picture."""
         sighting = None
         if self._last is not None and not self._missed:
-            sighting = self._again(picture, self._last)
+            sighting = self._checked(picture, self._again(picture, self._last))
         if sighting is None:
             sighting = next(self._candidates(picture), None)
         self._missed = 0 if sighting is not None else self._missed + 1
@@ -118,6 +120,11 @@ class _Follower:
         sighting = self._model.look(picture, region)
         return sighting if sighting.presence >= _PRESENT else None
 
+    def _first(self, picture: np.ndarray, region: Region) -> Sighting | None:
+        """The person in a region that was found: looked at twice, for such a region is a coarse one."""
+        sighting = self._look(picture, region)
+        return None if sighting is None else self._again(picture, sighting)
+
     def _again(self, picture: np.ndarray, last: Sighting) -> Sighting | None:
         """The person near where the last picture showed them. Where the points have moved far, the square is turned
         otherwise and looked at again, and the answer nearest to the last picture's is taken: a network may see a
@@ -125,9 +132,30 @@ class _Follower:
         first = self._look(picture, last.region)
         if first is None or _change(first, last) + first.doubt < _MOVED:
             return first
-        others = [self._look(picture, replace(last.region, angle=last.region.angle + turn)) for turn in _turns(last)]
-        answers = [first, *(one for one in others if one is not None)]
+        answers = [first, *self._turned(picture, last.region)]
         return min(answers, key=lambda one: _change(one, last) + one.doubt)
+
+    def _turned(self, picture: np.ndarray, region: Region) -> list[Sighting]:
+        """Answers in the same square turned otherwise; one of them stands it upright."""
+        turns = (-_TURN, _TURN) if abs(region.angle) < _TURN / 2 else (-region.angle, -_TURN, _TURN)
+        answers = [self._look(picture, replace(region, angle=region.angle + turn)) for turn in turns]
+        return [one for one in answers if one is not None]
+
+    def _checked(self, picture: np.ndarray, sighting: Sighting | None) -> Sighting | None:
+        """The person, now and then found anew: where that gives another answer, the one of several is taken that lies
+        nearest to the others, so that a mistake that was followed comes to an end."""
+        self._since += 1
+        if sighting is None or self._since < _CHECKED:
+            return sighting
+        self._since, region = 0, sighting.region
+        people = self._model.find(picture, replace(region, side=2 * region.side, angle=0.0), thorough=False)
+        near = [one for one in people if _distance(one, *region.centre) < _SAME_PLACE * region.side]
+        likest = min(near, key=lambda one: 1 - np.cos(one.angle - region.angle), default=None)
+        fresh = None if likest is None else self._look(picture, likest)
+        if fresh is None or _change(fresh, sighting) < _MOVED:
+            return sighting
+        answers = [sighting, fresh, *self._turned(picture, fresh.region)]
+        return min(answers, key=lambda one: sum(min(_change(one, other), 2 * _MOVED) for other in answers))
 
     def _candidates(self, picture: np.ndarray) -> Iterator[Sighting]:
         """Who may be the person, likeliest first."""
@@ -141,12 +169,12 @@ class _Follower:
             people = self._model.find(picture, replace(last, side=2 * reach + last.side, angle=0.0), thorough=False)
         people = people or self._model.find(picture, thorough=thorough)
         for region in sorted(people, key=lambda one: _distance(one, *last.centre)):
-            if _distance(region, *last.centre) <= reach and (sighting := self._look(picture, region)):
+            if _distance(region, *last.centre) <= reach and (sighting := self._first(picture, region)):
                 yield sighting
 
     def _choice(self, picture: np.ndarray, people: list[Region]) -> Iterator[Sighting]:
         """Whom to begin with: everybody is looked at, so that nobody is counted who is not there."""
-        seen = [sighting for region in people if (sighting := self._look(picture, region))]
+        seen = _one_each([sighting for region in people if (sighting := self._first(picture, region))])
         if self._at is not None:
             x, y = self._at
             seen.sort(key=lambda one: (not one.region.holds(x, y), _distance(one.region, x, y)))
@@ -160,6 +188,15 @@ class _Follower:
         yield from seen
 
 
+def _one_each(seen: list[Sighting]) -> list[Sighting]:
+    """One sighting of each person, the one most upright: a person may be found upside down too."""
+    kept: list[Sighting] = []
+    for one in sorted(seen, key=lambda one: -np.cos(one.region.angle)):
+        if all(_distance(one.region, *other.region.centre) > _SAME_PLACE * other.region.side for other in kept):
+            kept.append(one)
+    return kept
+
+
 def _distance(region: Region, x: float, y: float) -> float:
     return float(np.hypot(region.centre[0] - x, region.centre[1] - y))
 
@@ -168,8 +205,3 @@ def _change(sighting: Sighting, last: Sighting) -> float:
     """How far the points have moved, as a share of the region's side; a quarter of them farther."""
     moved = np.linalg.norm(sighting.points[:, :2] - last.points[:, :2], axis=-1)
     return float(np.percentile(moved, 75)) / last.region.side
-
-
-def _turns(last: Sighting) -> tuple[float, ...]:
-    """By which the square is turned for other answers, radians; one of them stands it upright."""
-    return (-last.region.angle, -_TURN, _TURN) if abs(last.region.angle) > _TURN / 2 else (-_TURN, _TURN)

@@ -1,5 +1,7 @@
 """Following a drawn person, whose networks read marks: the answer is known to a fraction of a pixel."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from marked_person import MODEL, answer, draw
@@ -112,6 +114,39 @@ def test_an_answer_that_jumps_is_asked_for_again_in_a_square_that_is_turned_othe
         picture[0, 0] = (0, 0, frame)
     found = follow_person(pictures, Contrary({2, 3}))
     assert errors(found, hips, head).max() < 0.7
+
+
+class Stubborn(Contrary):
+    """A model that is wrong about the first picture, and then in every square like the one it made of it."""
+
+    def look(self, picture, region):
+        sighting = MODEL.look(picture, region)
+        if int(picture[0, 0, 2]) == 0 or region.side > 150:
+            shifted = sighting.points + (30, 20, 0)
+            return Sighting(shifted, sighting.presence, replace(sighting.region, side=160.0))
+        return sighting
+
+
+def test_a_mistake_that_is_followed_ends_when_the_person_is_found_anew():
+    hips, head = np.tile([160.0, 120.0], (16, 1)), np.tile([175.0, 78.0], (16, 1))
+    pictures = [draw(place) for place in zip(hips, head, strict=True)]
+    for frame, picture in enumerate(pictures):
+        picture[0, 0] = (0, 0, frame)
+    wrong = errors(follow_person(pictures, Stubborn(())), hips, head)
+    assert (wrong[:12] > 20).all()
+    assert (wrong[12:] < 0.7).all()
+
+
+def test_a_person_found_upside_down_too_is_one_person():
+    class Twice(Contrary):
+        def find(self, picture, part=None, *, thorough=True):
+            (region,) = MODEL.find(picture, part, thorough=thorough)
+            return [replace(region, angle=np.pi, side=1.2 * region.side), region]
+
+    place = np.array([160.0, 120.0]), np.array([160.0, 78.0])
+    found = follow_person([draw(place)] * 2, Twice(()))
+    assert found.notes == ()
+    assert errors(found, *([one] * 2 for one in place)).max() < 0.7
 
 
 def test_a_region_cuts_the_picture_where_it_says():
