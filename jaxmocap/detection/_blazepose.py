@@ -37,10 +37,11 @@ _MIRRORED = [
 class BlazePose:
     """The two networks.
 
-    person, landmarks: the networks.
-    mirrored: whether the mirror image of the square is looked at too. It takes twice the time, brings the points 3 % to
-        5 % nearer (measured on three captures) and tells when a network doubts itself. Moving the square to what was
-        seen in it and looking again brings no more than 3 %.
+    Attributes:
+        person, landmarks: the networks.
+        mirrored: whether the mirror image of the square is looked at too. It takes twice the time, brings the points
+            up to 5 % nearer (measured on three captures) and tells when a network doubts itself. Moving the square to
+            what was seen in it and looking again brought no more.
     """
 
     person: Network

@@ -12,9 +12,10 @@ ModelName = Literal["heavy", "full"]
 class WeightFile:
     """One file of weights.
 
-    packed: its name inside a package or bundle.
-    sha256: of the content, hexadecimal.
-    size: bytes.
+    Attributes:
+        packed: its name inside a package or bundle.
+        sha256: of the content, hexadecimal.
+        size: bytes.
     """
 
     packed: str
@@ -35,14 +36,15 @@ class Package:
 class ModelCard:
     """A keypoint model.
 
-    title: as sentences name it.
-    family: which code turns the numbers of its networks into points (`jaxmocap.detection.open_model`).
-    layout: of its points.
-    licence: of the weights.
-    networks: by role, the files that will do; the same network may be packed in several ways.
-    bundled: by role, the file's name in a bundle whose hashes are not listed here.
-    packages: where the files come from, in the order in which they are tried.
-    weak: what to say where it is used, if it is known to be worse than another card; "" if not.
+    Attributes:
+        title: as sentences name it.
+        family: which code turns the numbers of its networks into points (`jaxmocap.detection.open_model`).
+        layout: of its points.
+        licence: of the weights.
+        networks: by role, the files that will do; the same network may be packed in several ways.
+        bundled: by role, the file's name in a bundle whose hashes are not listed here.
+        packages: where the files come from, in the order in which they are tried.
+        weak: what to say where it is used, if it is known to be worse than another card; "" if not.
     """
 
     title: str

@@ -23,11 +23,12 @@ _LONG = 15  # pictures after which a person who was lost may be anywhere, and is
 class FollowedPerson:
     """One person's keypoints in the pictures of a video.
 
-    frames: numbers of the pictures in the video.
-    points: x, y (pixels) and confidence in the order of the model's layout; 0 where nothing was found or believed.
-    scores: the confidences the model gave, also of points that are not believed.
-    sides: of the regions looked at, pixels; 0 where nobody was found.
-    notes: sentences on what was chosen and where nobody was found.
+    Attributes:
+        frames: numbers of the pictures in the video.
+        points: x, y (pixels) and confidence in the order of the model's layout; 0 where nothing was found or believed.
+        scores: the confidences the model gave, also of points that are not believed.
+        sides: of the regions looked at, pixels; 0 where nobody was found.
+        notes: sentences on what was chosen and where nobody was found.
     """
 
     frames: Int64[np.ndarray, " frame"]

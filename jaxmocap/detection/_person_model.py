@@ -17,11 +17,12 @@ Network = Callable[[Float32[np.ndarray, "picture height width 3"]], list[np.ndar
 class Sighting:
     """A person seen in a region of a picture.
 
-    points: x, y (pixels of the picture) and confidence, in the order of the model's layout.
-    presence: how certain it is that there is a person, 0 to 1.
-    region: where this person fills the square best.
-    doubt: how far the model's own answers to the same picture lie apart, as a share of the region's side; 0 if it gives
-        only one.
+    Attributes:
+        points: x, y (pixels of the picture) and confidence, in the order of the model's layout.
+        presence: how certain it is that there is a person, 0 to 1.
+        region: where this person fills the square best.
+        doubt: how far the model's own answers to the same picture lie apart, as a share of the region's side; 0 if it
+            gives only one.
     """
 
     points: Float64[np.ndarray, "point 3"]

@@ -15,9 +15,10 @@ _FINEST = 4
 class Region:
     """A square in a picture.
 
-    centre: x, y in pixels; the centre of the first pixel is (0.5, 0.5).
-    side: pixels.
-    angle: radians by which the person is turned from upright, clockwise as seen.
+    Attributes:
+        centre: x, y in pixels; the centre of the first pixel is (0.5, 0.5).
+        side: pixels.
+        angle: radians by which the person is turned from upright, clockwise as seen.
     """
 
     centre: tuple[float, float]

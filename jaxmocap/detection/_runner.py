@@ -1,7 +1,10 @@
 """Running a network of TensorFlow Lite."""
 
+import contextlib
 import importlib.util
-from collections.abc import Sequence
+import os
+import sys
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -32,7 +35,8 @@ def open_network(content: bytes, name: str, shapes: Sequence[tuple[int, ...]]) -
     from ai_edge_litert.interpreter import Interpreter  # pyright: ignore[reportMissingImports]
 
     try:
-        workers = [_Worker(Interpreter(model_content=content, num_threads=max(cores() // _AT_ONCE, 1)))]
+        with _silent():
+            workers = [_Worker(Interpreter(model_content=content, num_threads=max(cores() // _AT_ONCE, 1)))]
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{name} is no network of TensorFlow Lite: {error}") from None
     if workers[0].shapes != list(shapes):
@@ -55,6 +59,20 @@ def open_network(content: bytes, name: str, shapes: Sequence[tuple[int, ...]]) -
         return [np.concatenate(outputs) for outputs in zip(*ordered, strict=True)]
 
     return run
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Keep from standard error what the library itself writes there, whatever happens: that it is at work."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 class _Worker:

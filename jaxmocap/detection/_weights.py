@@ -27,9 +27,9 @@ _LIKE = 0.2  # a network of a bundle differs by less than this share from the ca
 class Weights:
     """A model's networks.
 
-    name: of the card.
-    networks: by role, the content of the file.
-    hashes: SHA-256 of each.
+    Attributes:
+        name: of the card.
+        networks: by role, the content of the file.
     """
 
     name: ModelName

@@ -39,9 +39,10 @@ Report = Callable[[str, int, int], None]
 class FoundKeypoints:
     """What `detect` found.
 
-    people: by camera.
-    record: as `detection.json` holds it.
-    folder: of the keypoint files; None where nothing was written.
+    Attributes:
+        people: by camera.
+        record: as `detection.json` holds it.
+        folder: of the keypoint files; None where nothing was written.
     """
 
     people: dict[str, FollowedPerson]
