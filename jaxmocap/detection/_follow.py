@@ -150,8 +150,8 @@ class _Follower:
             return sighting
         self._since, region = 0, sighting.region
         people = self._model.find(picture, replace(region, side=2 * region.side, angle=0.0), thorough=False)
-        near = [one for one in people if _distance(one, *region.centre) < _SAME_PLACE * region.side]
-        likest = min(near, key=lambda one: 1 - np.cos(one.angle - region.angle), default=None)
+        near = [one for one in people if _unlikeness(one, region) < _SAME_PLACE]
+        likest = min(near, key=lambda one: _unlikeness(one, region), default=None)
         fresh = None if likest is None else self._look(picture, likest)
         if fresh is None or _change(fresh, sighting) < _MOVED:
             return sighting
@@ -169,7 +169,7 @@ class _Follower:
             reach = _REACH * last.side * (1 + self._missed)
             people = self._model.find(picture, replace(last, side=2 * reach + last.side, angle=0.0), thorough=False)
         people = people or self._model.find(picture, thorough=thorough)
-        for region in sorted(people, key=lambda one: _distance(one, *last.centre)):
+        for region in sorted(people, key=lambda one: _unlikeness(one, last)):
             if _distance(region, *last.centre) <= reach and (sighting := self._first(picture, region)):
                 yield sighting
 
@@ -200,6 +200,11 @@ def _one_each(seen: list[Sighting]) -> list[Sighting]:
 
 def _distance(region: Region, x: float, y: float) -> float:
     return float(np.hypot(region.centre[0] - x, region.centre[1] - y))
+
+
+def _unlikeness(one: Region, other: Region) -> float:
+    """How far two regions lie apart, in sides, and how far they are turned: people are also found upside down."""
+    return _distance(one, *other.centre) / other.side + (1 - float(np.cos(one.angle - other.angle))) / 2
 
 
 def _change(sighting: Sighting, last: Sighting) -> float:
