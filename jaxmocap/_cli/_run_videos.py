@@ -117,7 +117,7 @@ def run_videos(
             person=_pixels(person),
             weights=weights,
             keypoints=keypoints,
-            static=True if static else None,
+            static=static,
             detections=detections,
             seed=seed,
             plan=lambda planned: say_plan(planned, out),

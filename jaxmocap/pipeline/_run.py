@@ -48,7 +48,7 @@ def run(
     person: Mapping[str, tuple[float, float]] | None = None,
     weights: str | Path | None = None,
     keypoints: str | Path | None = None,
-    static: bool | None = None,
+    static: bool = False,
     detections: bool = True,
     seed: int = 0,
     plan: Callable[[list[PlannedStage]], None] = lambda planned: None,
@@ -66,7 +66,7 @@ def run(
     metres; one of them, or an `actor` (a scan or a character), tells the scale. `focal` lengths in pixels, by camera,
     are kept. `frames` (A, B) are A to B - 1 of the shared ones; None leaves an end open. `person` are pixels on the
     person in the first picture, by camera; `weights` a detector's networks; `keypoints` a folder of another detector's
-    files; `static` says whether cameras stand still, where the videos should not. With `detections` keypoints count
+    files; `static` says that all cameras stand still, whatever the background says. With `detections` keypoints count
     beside the pixels while tracking. With one video the camera is taken to stand still and level.
 
     `plan` is told first what will be done, `say` what is assumed. Raises `InputError` for what cannot be used, before

@@ -25,7 +25,7 @@ class RunOptions:
         person: pixel on the person in the first picture, by camera.
         weights: a detector's networks, for a machine without a network.
         keypoints: folder of a detector's files, instead of looking for the person.
-        static: whether the cameras stand still; None: told by the videos.
+        static: whether all cameras stand still, whatever the background says.
         detections: whether keypoints count beside the pixels while tracking.
         seed: of all random numbers.
     """
@@ -39,7 +39,7 @@ class RunOptions:
     person: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     weights: Path | None = None
     keypoints: Path | None = None
-    static: bool | None = None
+    static: bool = False
     detections: bool = True
     seed: int = 0
 

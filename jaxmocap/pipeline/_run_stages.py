@@ -128,7 +128,10 @@ class RunWork:
             "cameras",
             self._calibrate_inputs,
             self._calibrate if self.several else self._one_camera,
-            f"give cameras of your own (jaxmocap cameras {self.folder} --from FILE)",
+            "leave out a video that shows another place, say --static where all phones stood still, or give cameras of "
+            f"your own (jaxmocap cameras {self.folder} --from FILE)"
+            if self.several
+            else f"give a camera of your own (jaxmocap cameras {self.folder} --from FILE)",
         )
         body = Stage(
             "body",
@@ -359,7 +362,7 @@ class RunWork:
             frames=self._span(capture),
             progress=self.progress,
             detections=capture.keypoints_folder if options.detections else None,
-            say=self.say,
+            say=lambda sentence: self.say(sentence.replace(" with --resume", "")),  # a run goes on by itself
             resume=True,
         )
         return folder.name
