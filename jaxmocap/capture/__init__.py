@@ -24,4 +24,11 @@ from ._sync_plan import (
     video_names as video_names,
 )
 from ._video import FrameReader as FrameReader, VideoIndex as VideoIndex, index_video as index_video
-from .synchronisation import Synchronisation as Synchronisation, SyncMethod as SyncMethod, synchronise as synchronise
+from .synchronisation import (
+    PersonHeights as PersonHeights,
+    PersonOffset as PersonOffset,
+    Synchronisation as Synchronisation,
+    SyncMethod as SyncMethod,
+    offset_by_person as offset_by_person,
+    synchronise as synchronise,
+)

@@ -79,8 +79,7 @@ def _estimate(work: RunWork, stage: Stage) -> float:
     counts = [index.num_frames for index in work.indices]
     start, stop = work.options.frames
     tracked = max(min(counts[0] if stop is None else stop, counts[0]) - (start or 0), 1)
-    pictures = tracked * len(counts) if stage.name == "detect" else sum(counts)
-    seconds = _ONCE.get(stage.name, 0.0) + _PER_PICTURE.get(stage.name, 0.0) * pictures
+    seconds = _ONCE.get(stage.name, 0.0) + _PER_PICTURE.get(stage.name, 0.0) * sum(counts)
     if stage.name == "calibrate" and not work.several:
         return 1.0
     if stage.name == "body" and work.options.actor is not None:

@@ -35,6 +35,7 @@ from ._made_to_measure import character_of
 from ._run_options import RunOptions
 from ._run_record import RunRecord
 from ._synchronise import sync
+from ._synchronise_by_person import sync_by_person
 from ._track_capture import track_capture
 
 CAPTURE, RESULT = "capture", "result"
@@ -197,8 +198,7 @@ class RunWork:
         options = self.options
         given = None if options.keypoints is None else path_hash(options.keypoints)
         weights = None if options.weights is None else str(options.weights)
-        span = options.frames if options.frames != (None, None) else None
-        return [self._videos, given, weights, sorted(options.person.items()), span, span and self._offsets()]
+        return [self._videos, given, weights, sorted(options.person.items()), self._offsets()]
 
     def _calibrate_inputs(self) -> Any:
         options = self.options
@@ -257,12 +257,29 @@ class RunWork:
         return list(copies)
 
     def _synchronise(self) -> Any:
-        found = sync(self.folder, progress=self.progress)
+        try:
+            found = sync(self.folder, progress=self.progress)
+        except InputError as error:
+            return self._synchronise_by_person(error)
         record = found.record()
         offsets = ", ".join(f"{name} {one['offset_frames']:+.2f}" for name, one in record["cameras"].items())
         self.say(f"Offsets in frames: {offsets}; by {', '.join(sorted({pair['used'] for pair in record['pairs']}))}.")
         for note in found.notes:
             self.say(f"{note}.")
+        return self._offsets()
+
+    def _synchronise_by_person(self, error: InputError) -> Any:
+        """Ask the keypoints, which are looked for now; the refusal stands where they are not sure either."""
+        self.say("Neither flash, sound nor motion of the pictures tells when the videos began: keypoints are asked.")
+        if self._config().keypoints is None:
+            made = self._detect()
+            self.record.set("detect", None, made)  # other frames are shared once the offsets are known
+        found = sync_by_person(self.folder)
+        if found is None:
+            raise error
+        moved = ", ".join(f"{one.seconds / self.indices[0].interval:+.2f}" for one in found)
+        alike = min(one.likeness for one in found)
+        self.say(f"Offsets in frames: +0.00, {moved}; by the person's motion (likeness {alike:.2f}).")
         return self._offsets()
 
     def _detect(self) -> Any:
@@ -280,7 +297,6 @@ class RunWork:
         options, named = self.options, self._config().keypoints
         found = detect(
             self.folder,
-            frames=self._span(self._open(with_cameras=False)),
             weights=options.weights,
             person=options.person,
             replace=named is not None and not (self.folder / DETECTION_REPORT).exists(),

@@ -8,6 +8,7 @@ from jaxmocap.capture._video import index_video
 from jaxmocap.capture.synchronisation._estimate import Estimate, Undecided, choose, solve_offsets
 from jaxmocap.capture.synchronisation._flash import compare_flashes, find_flashes, measure_brightness
 from jaxmocap.capture.synchronisation._motion import compare_motions, measure_motion
+from jaxmocap.capture.synchronisation._person import PersonHeights, offset_by_person
 from jaxmocap.capture.synchronisation._sound import RATE, Sound, compare_sounds, read_sound
 
 SHORT = rate(30, 30)
@@ -286,3 +287,26 @@ def test_offsets_follow_the_surest_pairs_and_the_rest_is_checked():
     assert notes[0].startswith("a and c by motion do not fit the surer pairs: -3.00 frames remain")
     backwards = [pair_of(0, 2, sound=-0.7), pair_of(1, 2, sound=0.1)]
     assert solve_offsets(backwards, ("a", "b", "c"), 1 / 60, 1 / 30)[0] == pytest.approx([0.0, -0.8, -0.7])
+
+
+def person_seen(start: float, count: int, side: float, noise: np.random.Generator) -> PersonHeights:
+    """Nine points that go up and down, each in its own way, at 30 pictures a second; a few are not seen."""
+    times = start + np.arange(count) / 30
+    speeds, phases = np.linspace(2, 9, 9), np.linspace(0, 5, 9)
+    heights = np.sin(np.multiply.outer(times, speeds) + phases) * side + 0.1 * noise.standard_normal((count, 9))
+    heights[noise.random((count, 9)) < 0.1] = np.nan
+    return PersonHeights(np.arange(count) / 30, heights)
+
+
+def test_a_person_tells_when_a_video_began_and_another_person_does_not():
+    noise = np.random.default_rng(0)
+    first, second = person_seen(0.0, 90, 1.0, noise), person_seen(0.42, 80, 0.8, noise)
+    found = offset_by_person(first, second)
+    assert found is not None
+    assert found.sure
+    assert found.seconds == pytest.approx(0.42, abs=0.01)
+    stranger = PersonHeights(second.seconds, noise.standard_normal((80, 9)).cumsum(0))
+    other = offset_by_person(first, stranger)
+    assert other is not None
+    assert not other.sure
+    assert offset_by_person(first, PersonHeights(second.seconds[:9], second.heights[:9])) is None

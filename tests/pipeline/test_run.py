@@ -15,7 +15,7 @@ from small_captures import make_video
 from jaxmocap._cli import run as command
 from jaxmocap._results import InputError
 from jaxmocap.camera import read_cameras
-from jaxmocap.capture import Capture, config_path, with_lines, with_offsets
+from jaxmocap.capture import Capture, PersonOffset, config_path, with_lines, with_offsets
 from jaxmocap.character import Pose
 from jaxmocap.motion import Motion
 from jaxmocap.pipeline import RunResult, _run_options, _run_stages, run
@@ -174,6 +174,27 @@ def test_a_stage_that_fails_is_named_and_what_was_done_stays(videos, done, tmp_p
     assert not list(tmp_path.glob("**/*.partial*"))
     monkeypatch.setattr(_run_stages, "calibrate", good)
     assert again(videos, out)[1] == STAGES[3:]
+
+
+def test_where_nothing_else_tells_the_time_keypoints_are_asked(videos, done, tmp_path, monkeypatch):
+    def bad(*_, **__):
+        raise InputError("right cannot be synchronised with left")
+
+    monkeypatch.setattr(_run_stages, "sync", bad)
+    monkeypatch.setattr(_run_stages, "sync_by_person", lambda folder: None)
+    with pytest.raises(InputError, match=r"stage 'synchronise' failed: right cannot be .* write offset = SECONDS"):
+        again(videos, tmp_path / "dance")
+    said: list[str] = []
+
+    def sure(folder):
+        file = config_path(folder)
+        file.write_text(with_offsets(file.read_text(), [0.0, -0.04], file))
+        return [PersonOffset(-0.04, 0.95, 0.5)]
+
+    monkeypatch.setattr(_run_stages, "sync_by_person", sure)
+    result = run(videos, tmp_path / "dance", height=1.8, say=said.append)
+    assert list(result.seconds) == STAGES[1:]
+    assert any("Offsets in frames: +0.00, -1.2" in sentence and "likeness 0.95" in sentence for sentence in said)
 
 
 def test_an_actor_comes_first_for_its_bones_tell_the_scale(videos, done, tmp_path):
