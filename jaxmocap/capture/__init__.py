@@ -5,7 +5,12 @@ from ._check import check as check
 from ._check_geometry import check_subject as check_subject, triangulated_people as triangulated_people
 from ._check_videos import SYNC_REPORT as SYNC_REPORT
 from ._choose_frames import ChosenFrames as ChosenFrames, choose_frames as choose_frames
-from ._config import Finding as Finding, config_path as config_path, read_config as read_config
+from ._config import (
+    CaptureConfig as CaptureConfig,
+    Finding as Finding,
+    config_path as config_path,
+    read_config as read_config,
+)
 from ._content import content_hash as content_hash, path_hash as path_hash
 from ._detections import Detections as Detections
 from ._edit_config import (

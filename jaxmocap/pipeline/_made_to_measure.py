@@ -171,8 +171,8 @@ def _fitted(
     }
     sentence = (
         f"The built-in body was made to measure at {len(frames)} frames with {fit.num_masks} outlines: {tall:.2f} m "
-        f"tall{'' if height is None else ', as given'}, keypoints off by {100 * fit.keypoint_error:.1f} cm in the "
-        "median."
+        f"tall{'' if height is None else f' ({height:.2f} m was given)'}, keypoints off by "
+        f"{100 * fit.keypoint_error:.1f} cm in the median."
     )
     return MadeBody(fit.character, record, sentence)
 

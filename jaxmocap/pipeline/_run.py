@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxmocap._results import InputError
 from jaxmocap._types import Quality
 from jaxmocap.motion import Motion
 
@@ -13,7 +12,8 @@ from ._run_folder import finished, only_run
 from ._run_options import RunOptions, examine
 from ._run_plan import PlannedStage, done_before, given_by_hand, plan_of
 from ._run_record import RunRecord
-from ._run_stages import RunWork, Stage
+from ._run_stages import do_stage, stages_of
+from ._run_work import RunWork
 
 
 @dataclass(frozen=True)
@@ -92,14 +92,14 @@ def run(
     took: dict[str, float] = {}
     with only_run(out, out):
         plan(plan_of(work))
-        for stage in work.stages():
+        for stage in stages_of(work):
             if given_by_hand(work, stage):
                 say(f"{stage.name}: {stage.line} is as capture.toml says.")
                 continue
             if done_before(work, stage) and (stage.name != "track" or finished(out / str(record.made("track")))):
                 continue
             begin = time.perf_counter()
-            made = _do(work, stage)
+            made = do_stage(work, stage)
             took[stage.name] = time.perf_counter() - begin
             record.set(stage.name, stage.inputs(), made, took[stage.name])
     folder, motion = work.result()
@@ -108,15 +108,3 @@ def run(
 
 def _path(path: str | Path | None) -> Path | None:
     return None if path is None else Path(path)
-
-
-def _do(work: RunWork, stage: Stage) -> object:
-    """Do a stage, and return what it wrote. Where it fails, say which it was and what can be done."""
-    try:
-        return stage.do()
-    except InputError as error:
-        kept = f"; what was done before is kept in {work.folder}, and the same command goes on from there"
-        raise InputError(
-            f"stage '{stage.name}' failed: {str(error).rstrip('.')}. What you can do: {stage.advice}"
-            f"{kept if work.folder.is_dir() else ''}."
-        ) from error

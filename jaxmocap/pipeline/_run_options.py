@@ -57,6 +57,11 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
         raise InputError(f"{twice} is given twice; give every video once")
+    start, stop = options.frames
+    shortest = min(indices, key=lambda index: index.num_frames)
+    if max(start or 0, (stop or 1) - 1) >= shortest.num_frames:
+        asked = f"{'' if start is None else start}:{'' if stop is None else stop}"
+        raise InputError(f"frames {asked} were asked for, but {shortest.path.name} has {shortest.num_frames} frames")
     if options.height is not None:
         check_height(options.height)
     for what, path in (("actor", options.actor), ("weights", options.weights), ("keypoints", options.keypoints)):

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from ._run_stages import RunWork, Stage
+from ._run_stages import Stage, stages_of, written
+from ._run_work import RunWork
 
 State = Literal["to do", "again", "done", "given"]
 
@@ -46,7 +47,7 @@ def plan_of(work: RunWork) -> list[PlannedStage]:
 
 def _states(work: RunWork) -> Iterator[tuple[Stage, State]]:
     changed = False
-    for stage in work.stages():
+    for stage in stages_of(work):
         if given_by_hand(work, stage):
             yield stage, "given"
             continue
@@ -59,15 +60,15 @@ def _states(work: RunWork) -> Iterator[tuple[Stage, State]]:
 
 def given_by_hand(work: RunWork, stage: Stage) -> bool:
     """Whether `capture.toml` says something else in the stage's line than the stage wrote: the user's word counts."""
-    written = work.written(stage)
-    return written is not None and written != work.record.made(stage.name)
+    found = written(work, stage)
+    return found is not None and found != work.record.made(stage.name)
 
 
 def done_before(work: RunWork, stage: Stage) -> bool:
     """Whether the stage was done of what it would be made of now, and what it wrote is there."""
     if not work.folder.is_dir() or not work.record.begun(stage.name):
         return False
-    if stage.line is not None and work.written(stage) is None:
+    if stage.line is not None and written(work, stage) is None:
         return False
     return work.record.done(stage.name, stage.inputs())
 

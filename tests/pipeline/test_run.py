@@ -18,7 +18,7 @@ from jaxmocap.camera import read_cameras
 from jaxmocap.capture import Capture, PersonOffset, config_path, with_lines, with_offsets
 from jaxmocap.character import Pose
 from jaxmocap.motion import Motion
-from jaxmocap.pipeline import RunResult, _run_options, _run_stages, run
+from jaxmocap.pipeline import RunResult, _run_options, _run_work, run
 from jaxmocap.rigging import body
 
 STAGES = ["capture", "synchronise", "detect", "calibrate", "body", "selected frames", "track"]
@@ -65,7 +65,7 @@ def done(monkeypatch, motion) -> list[str]:
 
     def calibrate(folder, **options):
         names.append("calibrate")
-        cameras = _run_stages.free_name(folder, "cameras")
+        cameras = _run_work.free_name(folder, "cameras")
         cameras.mkdir()
         (cameras / "height").write_text(str(options["height"]))
         set_lines(folder, cameras=cameras.name)
@@ -90,7 +90,7 @@ def done(monkeypatch, motion) -> list[str]:
         "with_selected_frames": select, "track_capture": track_capture,
     }  # fmt: skip
     for name, stand_in in stand_ins.items():
-        monkeypatch.setattr(_run_stages, name, stand_in)
+        monkeypatch.setattr(_run_work, name, stand_in)
     monkeypatch.setattr(_run_options, "require_runner", lambda: None)
     opened = Capture.open
     monkeypatch.setattr(Capture, "open", staticmethod(lambda path, **_: opened(path, with_cameras=False)))
@@ -162,17 +162,17 @@ def test_what_is_corrected_by_hand_counts_and_is_kept(videos, done, tmp_path):
 
 
 def test_a_stage_that_fails_is_named_and_what_was_done_stays(videos, done, tmp_path, monkeypatch):
-    out, good = tmp_path / "dance", _run_stages.calibrate
+    out, good = tmp_path / "dance", _run_work.calibrate
 
     def bad(*_, **__):
         raise InputError("camera 'left' shares no background with the others.")
 
-    monkeypatch.setattr(_run_stages, "calibrate", bad)
+    monkeypatch.setattr(_run_work, "calibrate", bad)
     with pytest.raises(InputError, match=r"stage 'calibrate' failed: camera 'left' .* others\. What you can do: "):
         again(videos, out)
     assert done == ["synchronise", "detect"]
     assert not list(tmp_path.glob("**/*.partial*"))
-    monkeypatch.setattr(_run_stages, "calibrate", good)
+    monkeypatch.setattr(_run_work, "calibrate", good)
     assert again(videos, out)[1] == STAGES[3:]
 
 
@@ -180,8 +180,8 @@ def test_where_nothing_else_tells_the_time_keypoints_are_asked(videos, done, tmp
     def bad(*_, **__):
         raise InputError("right cannot be synchronised with left")
 
-    monkeypatch.setattr(_run_stages, "sync", bad)
-    monkeypatch.setattr(_run_stages, "sync_by_person", lambda folder: None)
+    monkeypatch.setattr(_run_work, "sync", bad)
+    monkeypatch.setattr(_run_work, "sync_by_person", lambda folder: None)
     with pytest.raises(InputError, match=r"stage 'synchronise' failed: right cannot be .* write offset = SECONDS"):
         again(videos, tmp_path / "dance")
     said: list[str] = []
@@ -191,7 +191,7 @@ def test_where_nothing_else_tells_the_time_keypoints_are_asked(videos, done, tmp
         file.write_text(with_offsets(file.read_text(), [0.0, -0.04], file))
         return [PersonOffset(-0.04, 0.95, 0.5)]
 
-    monkeypatch.setattr(_run_stages, "sync_by_person", sure)
+    monkeypatch.setattr(_run_work, "sync_by_person", sure)
     result = run(videos, tmp_path / "dance", height=1.8, say=said.append)
     assert list(result.seconds) == STAGES[1:]
     assert any("Offsets in frames: +0.00, -1.2" in sentence and "likeness 0.95" in sentence for sentence in said)
@@ -277,7 +277,7 @@ def test_the_command_prints_plan_and_report(videos, done, tmp_path, capsys):
     assert command([*arguments[:-2], "5:2"]) == 2
     assert "A:B with A < B was expected" in capsys.readouterr().err
     assert command([*arguments[:-2], "0:99"]) == 2
-    assert "the videos share 12 frames" in capsys.readouterr().err
+    assert "frames 0:99 were asked for, but left.mp4 has 12 frames" in capsys.readouterr().err
 
 
 def test_portrait_beside_landscape_keeps_its_shape(videos, done, tmp_path):

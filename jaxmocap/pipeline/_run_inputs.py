@@ -1,0 +1,100 @@
+"""A run in its folder, and what its stages are made of."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from jaxmocap._results import InputError
+from jaxmocap.capture import CaptureConfig, VideoIndex, config_path, path_hash, read_config
+
+from ._run_options import RunOptions
+from ._run_record import RunRecord
+
+CAPTURE = "capture"
+"""Folder of a run in which its capture lies."""
+
+Say = Callable[[str], None]
+Report = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class RunInputs:
+    """A run: its videos and options, its folder, and whom to tell.
+
+    Attributes:
+        indices: the videos.
+        out: folder of the run.
+        options: what it is told.
+        record: what it has done.
+        say: takes sentences.
+        progress: takes stage, steps done and steps in all.
+    """
+
+    indices: Sequence[VideoIndex]
+    out: Path
+    options: RunOptions
+    record: RunRecord
+    say: Say
+    progress: Report
+
+    @property
+    def folder(self) -> Path:
+        return self.out / CAPTURE
+
+    @property
+    def several(self) -> bool:
+        return len(self.indices) > 1
+
+    @cached_property
+    def videos(self) -> list[str]:
+        """Hashes of the videos."""
+        return [path_hash(index.path) for index in self.indices]
+
+    def config(self) -> CaptureConfig:
+        """Read `capture.toml` as it is now. Raises `InputError` where somebody has spoilt it."""
+        config, findings = read_config(config_path(self.folder))
+        if config is None:
+            raise InputError(next(finding.message for finding in findings if finding.severity == "error"))
+        return config
+
+    def hash_of(self, line: str) -> str | None:
+        """Hash what a line of `capture.toml` names; None where it names nothing, or nothing is there."""
+        named = getattr(self.config(), line)
+        path = None if named is None else self.folder / named
+        return None if path is None or not path.exists() else path_hash(path)
+
+    def offsets(self) -> list[float]:
+        """Read when the videos began, seconds."""
+        return [camera.offset for camera in self.config().camera]
+
+    def of_detect(self) -> Any:
+        """List what keypoints are made of."""
+        options = self.options
+        given = None if options.keypoints is None else path_hash(options.keypoints)
+        weights = None if options.weights is None else str(options.weights)
+        return [self.videos, given, weights, sorted(options.person.items()), self.offsets()]
+
+    def of_calibrate(self) -> Any:
+        """List what cameras are made of."""
+        options = self.options
+        size = path_hash(options.actor) if options.actor and not (options.height or options.camera_distance) else None
+        told = [options.height, options.camera_distance, sorted(options.focal.items()), options.static, options.seed]
+        return [self.videos, self.offsets(), self.hash_of("keypoints"), size, told]
+
+    def of_body(self) -> Any:
+        """List what the body is made of."""
+        if self.options.actor is not None:
+            return path_hash(self.options.actor)
+        return [self.seen(), self.options.height, self.options.seed]
+
+    def seen(self) -> Any:
+        """List what is known of the person and the cameras."""
+        return [self.videos, self.offsets(), *map(self.hash_of, ("keypoints", "cameras", "masks"))]
+
+    def of_track(self) -> Any:
+        """List what the motion is made of."""
+        options, selected = self.options, self.config().selected_frames
+        told = [options.quality, options.frames, options.seed, options.detections]
+        return [self.seen(), self.hash_of("actor"), selected, told]
