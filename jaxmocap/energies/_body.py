@@ -43,6 +43,18 @@ class BodyPart(eqx.Module):
     def layout(self) -> KeyLayout:
         return KeyLayout.for_faces(self.num_faces)
 
+    def unseen(self) -> "BodyPart":
+        """Return the part without what draws it, which is enough to draw the rest of the body."""
+        return BodyPart(
+            num_faces=self.num_faces,
+            dofs=self.dofs[:0],
+            faces=self.faces[:, :0],
+            face_numbers=self.face_numbers[:0],
+            vertices=self.vertices[:0],
+            weights=self.weights[:0],
+            moves=self.moves,
+        )
+
     def posed(self, character: Character, pose: Pose) -> Float[Array, "part_vertex 3"]:
         """Pose the part: its vertices in the world (Eq. 1)."""
         return blend(character.skeleton, pose, self.vertices, self.weights)

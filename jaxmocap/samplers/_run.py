@@ -1,5 +1,6 @@
 """The loop of a search: score what a sampler asks for, tell it, repeat."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -71,24 +72,24 @@ def _learn(
     return after, _Row(step, mean, deviation, energies[0])
 
 
-def _finish(sampler: AbstractSampler, progress: _Progress, rows: list[_Row]) -> tuple[Float[Array, "dof"], SearchInfo]:
-    joined = jax.tree.map(lambda *parts: jnp.concatenate(parts), *rows)
+def _finish(sampler: AbstractSampler, progress: _Progress, rows: _Row) -> tuple[Float[Array, "dof"], SearchInfo]:
     if sampler.answer == "mean":
         mean, deviation = sampler.result(progress.state)
         energy = mean_energy = jnp.full_like(progress.best_energy, jnp.nan)
         answer = mean
     else:
-        mean, deviation, mean_energy = joined.mean[-1], joined.deviation[-1], joined.first_energy[-1]
+        mean, deviation, mean_energy = rows.mean[-1], rows.deviation[-1], rows.first_energy[-1]
         answer, energy = progress.best, progress.best_energy
-    return answer, SearchInfo(energy, mean, mean_energy, deviation, progress.best, progress.best_energy, joined.step)
+    return answer, SearchInfo(energy, mean, mean_energy, deviation, progress.best, progress.best_energy, rows.step)
 
 
-def _plan(sampler: AbstractSampler, energy_fn: Stages) -> list[tuple[EnergyFunction, int, bool]]:
-    """(energy, number of sets, whether the last set holds the mean for checking) per stage."""
+def _plan(sampler: AbstractSampler, energy_fn: Stages) -> tuple[tuple[EnergyFunction, ...], tuple[int, ...]]:
+    """The energies of the stages, and after how many sets each ends; the last has one more where the mean is checked
+    there."""
     stages = [(energy_fn, sampler.num_iterations)] if callable(energy_fn) else list(energy_fn)
-    check = sampler.answer != "mean"
-    last = len(stages) - 1
-    return [(energy, count + (check and i == last), check and i == last) for i, (energy, count) in enumerate(stages)]
+    energies, counts = zip(*stages, strict=True)
+    ends = list(itertools.accumulate(counts))
+    return energies, (*ends[:-1], ends[-1] + (sampler.answer != "mean"))
 
 
 class _Scouts(eqx.Module):
@@ -147,10 +148,10 @@ def run(
 
     With the answer `"best_if_better"` one set more than `num_iterations` is evaluated: its particle 0 is the estimate.
     """
-    plan = _plan(sampler, energy_fn)
+    energies_of, ends = _plan(sampler, energy_fn)
     scouts = None if pool is None else _Scouts.make(pool, sampler.num_particles)
     before = 0 if scouts is None else scouts.sets
-    sets = sum(count for _, count, _ in plan) + before
+    sets, starts = ends[-1] + before, jnp.array(ends[:-1], jnp.int32)
 
     def key_of(number: int | Int[Array, ""]) -> PRNGKeyArray:
         """Derive a key by number.
@@ -164,30 +165,31 @@ def run(
         return _Progress(state, jnp.clip(start, lower, upper), jnp.full((), jnp.inf, start.dtype))
 
     progress = begin(population, 0 if scouts is None else 2 * sets + 1)
-    rows, done = [], 0
-    for energy, count, check in plan:
-        first = scouts if done == 0 else None
 
-        def step(carry, iteration: Int[Array, ""], energy=energy, last=done + count - 1, check=check):
-            progress, scouts = carry
-            number = iteration if scouts is None else iteration % sets  # steps before 0 come last
-            asked, told = key_of(2 * number + 1), key_of(2 * number + 2)
-            particles = _propose(sampler, progress, asked, jnp.asarray(check) & (iteration == last))
-            if scouts is None:
-                after, row = _learn(sampler, progress, particles, energy(particles), told)
-                return (after, None), row
-            # The pool is scored by this very loop, in the steps before 0: the energy, which is large, compiles once.
-            scouting, turn = iteration < 0, iteration + scouts.sets
-            particles = jnp.where(scouting, scouts.candidates[jnp.minimum(turn, scouts.sets - 1)], particles)
-            energies = energy(particles)
-            after, row = _learn(sampler, progress, particles, energies, told)
-            scouts = scouts.told(turn, energies)
-            begun = jax.lax.cond(iteration == -1, lambda: begin(scouts.best(population), 0), lambda: progress)
-            return (jax.tree.map(lambda a, b: jnp.where(scouting, a, b), begun, after), scouts), row
+    def score(iteration: Int[Array, ""], particles: Float[Array, "particle dof"]) -> Float[Array, "particle"]:
+        """One loop for all stages: what a sampler does with energies compiles once."""
+        stages = [lambda rows, energy=energy: energy(rows).astype(rows.dtype) for energy in energies_of]
+        return jax.lax.switch(jnp.sum(iteration >= starts), stages, particles)
 
-        progress = eqx.tree_at(lambda p: p.best_energy, progress, jnp.full_like(progress.best_energy, jnp.inf))
-        skipped = 0 if first is None else before
-        (progress, _), stage_rows = jax.lax.scan(step, (progress, first), jnp.arange(done - skipped, done + count))
-        rows.append(jax.tree.map(lambda leaf, skipped=skipped: leaf[skipped:], stage_rows))
-        done += count
-    return _finish(sampler, progress, rows)
+    def step(carry, iteration: Int[Array, ""]):
+        progress, scouts = carry
+        number = iteration if scouts is None else iteration % sets  # steps before 0 come last
+        asked, told = key_of(2 * number + 1), key_of(2 * number + 2)
+        best = jnp.where(jnp.any(iteration == starts), jnp.inf, progress.best_energy)
+        progress = eqx.tree_at(lambda p: p.best_energy, progress, best)
+        check = jnp.asarray(sampler.answer != "mean") & (iteration == ends[-1] - 1)
+        particles = _propose(sampler, progress, asked, check)
+        if scouts is None:
+            after, row = _learn(sampler, progress, particles, score(iteration, particles), told)
+            return (after, None), row
+        # The pool is scored by this very loop, in the steps before 0: the energy, which is large, compiles once.
+        scouting, turn = iteration < 0, iteration + scouts.sets
+        particles = jnp.where(scouting, scouts.candidates[jnp.minimum(turn, scouts.sets - 1)], particles)
+        energies = score(iteration, particles)
+        after, row = _learn(sampler, progress, particles, energies, told)
+        scouts = scouts.told(turn, energies)
+        begun = jax.lax.cond(iteration == -1, lambda: begin(scouts.best(population), 0), lambda: progress)
+        return (jax.tree.map(lambda a, b: jnp.where(scouting, a, b), begun, after), scouts), row
+
+    (progress, _), rows = jax.lax.scan(step, (progress, scouts), jnp.arange(-before, sets - before))
+    return _finish(sampler, progress, jax.tree.map(lambda leaf: leaf[before:], rows))

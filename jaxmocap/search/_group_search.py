@@ -185,23 +185,28 @@ def wide_population(
 
 
 @optimised_jit
+def _prepare(levels: tuple[_Level, ...], group: GroupProblem, capacity: int) -> tuple[Base, ...]:
+    """What the particles share at each level; of a part that is `unseen`, so that groups share the program."""
+    return tuple(prepare_base(level.stage.energy, level.of(group), capacity) for level in levels)
+
+
+@optimised_jit
 def _search(
     levels: tuple[_Level, ...],
+    bases: tuple[Base, ...],
     sampler: AbstractSampler,
     group: GroupProblem,
     box: _Box,
     distal: Bool[Array, "group_dof"],
     wide: float,
     prior: Float[Array, ""],
-    base_capacity: int,
     key: PRNGKeyArray,
 ) -> GroupResult:
     dofs, skeleton = group.part.dofs, group.character.skeleton
     own = _Box(*(values[dofs] for values in box))
-    scored, bases, seen = [], [], [level.of(group) for level in levels]
-    for level, coarse in zip(levels, seen, strict=True):
-        bases.append(prepare_base(level.stage.energy, coarse, base_capacity))
-        energy = _ParticleEnergy(level.stage.energy, coarse, bases[-1], own.spread, prior, level.capacity)
+    scored, seen = [], [level.of(group) for level in levels]
+    for level, base, coarse in zip(levels, bases, seen, strict=True):
+        energy = _ParticleEnergy(level.stage.energy, coarse, base, own.spread, prior, level.capacity)
         scored.append((energy, level.stage.iterations))
     pool, count = None, int(wide * sampler.num_particles)
     if count > 0:
@@ -314,8 +319,10 @@ class GroupSearch:
                 _Level(stage, *meshed, sizes.capacity[name])
                 for stage, meshed, name in zip(sized, drawn, names, strict=True)
             )
+            rest = replace(group, part=self.part.unseen()), sizes.base_capacity
+            bases = _prepare(tuple(replace(level, part=level.part.unseen()) for level in levels), *rest)
             chance = (self.distal, reach.wide, jnp.float32(reach.prior))
-            result = _search(levels, sampler, group, box, *chance, sizes.base_capacity, key)
+            result = _search(levels, bases, sampler, group, box, *chance, key)
             result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
             needed_base, needed_far = int(result.needed_base), int(result.needed_far)
             needed = {level: int(count) for level, count in zip(names, result.needed, strict=True)}
