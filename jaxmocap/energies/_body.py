@@ -28,7 +28,8 @@ class BodyPart(eqx.Module):
     """Faces whose vertices depend on the DoFs of one group, with the vertices they use.
 
     `dofs` are the group's indices among all; `moves (face,)` says which faces of the whole mesh the part holds. Rows
-    may be padded with faces of no area, so that the two arms, and the two legs, share one compiled search.
+    may be padded with faces of no area, and `dofs` with their number, which is none of them, so that groups share one
+    compiled search.
     """
 
     num_faces: int = eqx.field(static=True)
@@ -60,7 +61,9 @@ class BodyPart(eqx.Module):
         return blend(character.skeleton, pose, self.vertices, self.weights)
 
 
-def body_part(character: Character, dofs: tuple[int, ...], least_faces: int = 0, least_vertices: int = 0) -> BodyPart:
+def body_part(
+    character: Character, dofs: tuple[int, ...], least_faces: int = 0, least_vertices: int = 0, least_dofs: int = 0
+) -> BodyPart:
     """Cut out the part of the mesh that `dofs` move (host); a root DoF moves everything.
 
     Raises `ValueError` if no face depends on them.
@@ -73,9 +76,10 @@ def body_part(character: Character, dofs: tuple[int, ...], least_faces: int = 0,
     used, local = np.unique(faces[moves], return_inverse=True)
     local = local.reshape(-1, 3).T.astype(np.int32)
     more_faces, more_vertices = max(least_faces - local.shape[1], 0), max(least_vertices - len(used), 0)
+    nothing = [skeleton.num_dofs] * max(least_dofs - len(dofs), 0)
     return BodyPart(
         num_faces=len(faces),
-        dofs=jax.device_put(np.asarray(dofs, np.int32)),
+        dofs=jax.device_put(np.asarray([*dofs, *nothing], np.int32)),
         faces=jax.device_put(np.pad(local, ((0, 0), (0, more_faces)))),
         face_numbers=jax.device_put(np.pad(np.flatnonzero(moves).astype(np.int32), (0, more_faces))),
         vertices=jax.device_put(np.pad(vertices[used], ((0, more_vertices), (0, 0)), mode="edge")),

@@ -106,7 +106,7 @@ class BodySearch:
         pace = history.pace(self.fps) if history is not None and plan.wide == 0 else 1.0
         stages = tuple(Stage(self.energy, *effort) for effort in plan.stages)
         share = 1.0 if limb else plan.trunk
-        sampler = plan.sized(self.sampler, group.dofs, share)
+        sampler = plan.sized(self.sampler, group.dofs, share, len(group.part.dofs))
         spread = self.character.skeleton.initial_spread * plan.spread * pace * share
         found = group(stages, sampler, self.character, pose, problem, spread, key, Reach(wide, within, plan.prior))
         return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
@@ -129,7 +129,7 @@ class BodySearch:
     def restore_sizes(self, sizes: list[Any]) -> None:
         """Take over what `sizes` said."""
         for group, size in zip(self.groups, sizes, strict=True):
-            vars(group.sizes).update(vars(size))  # left and right share theirs
+            vars(group.sizes).update(vars(size))  # some share theirs
 
     def _relocalised(self, pose: Pose, frame: Frame) -> Pose:
         """Choose the best of some searches for root and torso that look further afield."""

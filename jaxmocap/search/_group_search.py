@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxmocap._cache import cached_jit, optimised_jit
-from jaxmocap.character import Character, Pose, retract, simplify
+from jaxmocap.character import Character, Pose, Skeleton, retract, simplify
 from jaxmocap.energies import (
     Base,
     BodyPart,
@@ -134,7 +134,7 @@ class _ParticleEnergy(eqx.Module):
 
     def __call__(self, values: Float[Array, "particle group_dof"]) -> Float[Array, "particle"]:
         still = jnp.zeros((values.shape[0], self.group.character.skeleton.num_dofs))
-        increments = still.at[:, self.group.part.dofs].set(values)
+        increments = still.at[:, self.group.part.dofs].set(values, mode="drop")
         scores = score_particles(self.energy, self.group, self.base, increments, self.capacity)
         moved = (values / jnp.maximum(self.spread, 1e-6)) ** 2
         total = scores.total + self.prior * jnp.sum(moved / (1 + moved), axis=1)
@@ -203,7 +203,7 @@ def _search(
     key: PRNGKeyArray,
 ) -> GroupResult:
     dofs, skeleton = group.part.dofs, group.character.skeleton
-    own = _Box(*(values[dofs] for values in box))
+    own = _Box(*(values.at[dofs].get(mode="fill", fill_value=0.0) for values in box))  # no spread: it stays
     scored, seen = [], [level.of(group) for level in levels]
     for level, base, coarse in zip(levels, bases, seen, strict=True):
         energy = _ParticleEnergy(level.stage.energy, coarse, base, own.spread, prior, level.capacity)
@@ -213,7 +213,7 @@ def _search(
         key, pool_key = jax.random.split(key)
         pool = Pool(wide_population(pool_key, POOL * count, *own, distal), count)
     best, info = run(sampler, scored, jnp.zeros(dofs.shape[0]), *own, key, pool=pool)
-    increment = jnp.zeros(skeleton.num_dofs).at[dofs].set(best)
+    increment = jnp.zeros(skeleton.num_dofs).at[dofs].set(best, mode="drop")
     needed = []
     for level, coarse in zip(levels, seen, strict=True):
 
@@ -226,7 +226,7 @@ def _search(
         needed.append(jax.lax.map(windows, posed).max())
     return GroupResult(
         increment=increment,
-        deviation=jnp.zeros(skeleton.num_dofs).at[dofs].set(info.deviation),
+        deviation=jnp.zeros(skeleton.num_dofs).at[dofs].set(info.deviation, mode="drop"),
         energy=info.energy,
         needed=jnp.stack(needed),
         needed_base=jnp.stack([base.needed for base in bases]).max(),
@@ -240,8 +240,8 @@ def _power(count: float, least: int = 256) -> int:
 
 @dataclass
 class Sizes:
-    """Static sizes of a compiled search, which only grow; the two arms share one, and the two legs. Windows are counted
-    by resolution and mesh: (step, share of the faces)."""
+    """Static sizes of a compiled search, which only grow; limbs share them, and so do root and torso. Windows are
+    counted by resolution and mesh: (step, share of the faces)."""
 
     base_capacity: int
     capacity: dict[tuple[int, float], int] = field(default_factory=dict)
@@ -341,15 +341,19 @@ class GroupSearch:
 Groups = tuple[tuple[str, tuple[int, ...]], ...]
 
 
+def _like(skeleton: Skeleton, name: str) -> bool:
+    """Groups of which this is the same share one compiled search: the limbs, and root and torso."""
+    return name in skeleton.limbs
+
+
 def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
-    """Make the parts of all groups, left and right padded to the same shapes."""
-    kind = character.skeleton.kind
+    """Make the parts of all groups, those that share a search padded to the same shapes."""
     plain = {name: body_part(character, dofs) for name, dofs in groups}
     parts = {}
     for name, dofs in groups:
-        alike = [plain[other] for other, _ in groups if kind(other) == kind(name)]
-        faces = max(part.faces.shape[1] for part in alike)
-        parts[name] = body_part(character, dofs, faces, max(part.vertices.shape[0] for part in alike))
+        alike = [plain[o] for o, _ in groups if _like(character.skeleton, o) == _like(character.skeleton, name)]
+        shapes = [(part.faces.shape[1], part.vertices.shape[0], part.dofs.shape[0]) for part in alike]
+        parts[name] = body_part(character, dofs, *np.max(shapes, axis=0).tolist())
     return parts
 
 
@@ -364,11 +368,11 @@ def group_searches(
     groups = skeleton.groups if groups is None else groups
     parts = alike_parts(character, groups)
     simple = {share: (mesh, alike_parts(mesh.character, groups)) for share, mesh in (meshes or {}).items()}
-    shared: dict[str, Sizes] = {}
+    shared: dict[bool, Sizes] = {}
     searches = []
     for name, dofs in groups:
-        sizes = shared.setdefault(skeleton.kind(name), Sizes(_power(1.3 * character.faces.shape[0])))
+        sizes = shared.setdefault(_like(skeleton, name), Sizes(_power(1.3 * character.faces.shape[0])))
         coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
-        distal = jax.device_put(np.isin(dofs, skeleton.distal))
+        distal = jax.device_put(np.isin(np.asarray(parts[name].dofs), skeleton.distal))
         searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, distal))
     return searches

@@ -62,11 +62,14 @@ class SearchPlan:
         """Count the particles of a group."""
         return round(share * (particles_for(num_dofs) if self.particles is None else self.particles))
 
-    def sized(self, sampler: AbstractSampler, dofs: tuple[int, ...], share: float = 1.0) -> AbstractSampler:
+    def sized(
+        self, sampler: AbstractSampler, dofs: tuple[int, ...], share: float = 1.0, width: int = 0
+    ) -> AbstractSampler:
         """Size the sampler for one group.
 
         It gets the iterations of all stages, its particles (a share of them), and the smallest deviation: 2 mm for
-        translations, 0.25 degrees for angles.
+        translations, 0.25 degrees for angles. A search that is `width` wide has idle dimensions after the group's.
         """
-        floor = jax.device_put(np.array([0.002 if dof < 3 else 0.00436 for dof in dofs], np.float32))
+        idle = max(width - len(dofs), 0)
+        floor = jax.device_put(np.array([0.002 if dof < 3 else 0.00436 for dof in dofs] + [0.00436] * idle, np.float32))
         return sampler.sized(self.count(len(dofs), share), sum(stage.iterations for stage in self.stages), floor)

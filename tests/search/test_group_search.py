@@ -15,6 +15,8 @@ from jaxmocap.search import Reach, Stage, group_searches, uncovered_share
 from jaxmocap.search._group_search import simplified_mesh, wide_population
 
 FRAME = 2
+WIDTH = 7
+"""Degrees of freedom of the widest limb, which the others are searched with."""
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,10 @@ def find(world, searches):
         delta[list(search.dofs)] = np.deg2rad(degrees * signs)
         start = clamp(skeleton, retract(skeleton, world.pose(FRAME), jnp.asarray(delta)))
         sampler = InteractingSimulatedAnnealing(
-            num_particles=64, num_iterations=12, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
+            num_particles=64,
+            num_iterations=12,
+            answer="best_if_better",
+            sigma_min=jnp.full(WIDTH, 0.00436),
         )
         stages = (Stage(search_energy(step=2, sampling="nearest"), 1, 12),)
         spread, problem = world.character.skeleton.initial_spread, world.problem(FRAME)
@@ -94,7 +99,7 @@ def test_a_lost_arm_is_found_further_afield(world):
     """A fresh search: its region is larger than the usual one. One of three keys may miss, for chance leads it."""
     search = next(group for group in group_searches(world.character) if group.name == "l_arm")
     sampler = InteractingSimulatedAnnealing(
-        num_particles=96, num_iterations=16, answer="best_if_better", sigma_min=jnp.full(len(search.dofs), 0.00436)
+        num_particles=96, num_iterations=16, answer="best_if_better", sigma_min=jnp.full(WIDTH, 0.00436)
     )
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
     start, after, spread = arm_away(world, FRAME), [], world.character.skeleton.initial_spread
@@ -158,7 +163,7 @@ def test_a_simplified_mesh_at_a_coarse_step_finds_the_limb(world):
         world.character.skeleton,
         retract(world.character.skeleton, world.pose(FRAME), jnp.zeros(39).at[jnp.array(search.dofs)].set(0.15)),
     )
-    sampler = InteractingSimulatedAnnealing(num_particles=64, num_iterations=14, sigma_min=jnp.full(6, 0.00436))
+    sampler = InteractingSimulatedAnnealing(num_particles=64, num_iterations=14, sigma_min=jnp.full(WIDTH, 0.00436))
     energy = search_energy(step=2, sampling="nearest", fail="ignore", outside="ignore")
     stages = (Stage(energy, 2, 14, 0.5),)
     spread = world.character.skeleton.initial_spread
@@ -170,11 +175,14 @@ def test_a_simplified_mesh_at_a_coarse_step_finds_the_limb(world):
     assert list(search.sizes.capacity) == [(2, 0.5)]
 
 
-def test_left_and_right_share_their_sizes_and_shapes(searches):
-    for left, right in (("l_arm", "r_arm"), ("l_leg", "r_leg")):
-        assert searches[left].sizes is searches[right].sizes
-        assert searches[left].part.faces.shape == searches[right].part.faces.shape
-        assert searches[left].part.vertices.shape == searches[right].part.vertices.shape
+def test_limbs_share_a_program_and_so_do_root_and_torso(searches):
+    for names in (("l_arm", "r_arm", "l_leg", "r_leg"), ("root", "torso")):
+        alike = [searches[name] for name in names]
+        assert all(search.sizes is alike[0].sizes for search in alike)
+        shapes = [[leaf.shape for leaf in jax.tree.leaves(search.part)] for search in alike]
+        assert all(shape == shapes[0] for shape in shapes)
+        assert len({len(search.dofs) for search in alike}) == 2
+    assert searches["root"].sizes is not searches["l_leg"].sizes
 
 
 def test_region_holds_the_limb_and_only_grows(world, searches):
