@@ -80,10 +80,9 @@ def small(tmp_path: Path, videos: Path) -> Path:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of the notebooks the first, which does the main job, is run each time; the others are long checks. The gate takes
-    longest, so it begins first."""
+    """Notebooks are long checks: what the first does, the gate holds. The gate takes longest, so it begins first."""
     for item in items:
-        if item.path.suffix == ".ipynb" and not item.path.name.startswith("00_"):
+        if item.path.suffix == ".ipynb":
             item.add_marker("slow")
     items.sort(key=lambda item: item.path.name != "test_gate.py")
 
