@@ -20,8 +20,10 @@ def doctor(
     test: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the self-test.")] = True,
     json: Json = False,
 ) -> int:
-    """Print versions, devices, caches, codecs and optional parts, and run a self-test of some seconds. Exits with 1 if
-    something is wrong."""
+    """Print versions, devices, caches, codecs and optional parts, and run a self-test of some seconds.
+
+    Exits with 1 if something is wrong.
+    """
     from jaxmocap.pipeline import doctor
 
     if test:

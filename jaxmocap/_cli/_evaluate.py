@@ -46,7 +46,7 @@ def evaluate(
 
 
 def _truth_of(motion: "Motion", result: Path) -> Path:
-    """The truth of the capture that a motion was tracked in."""
+    """Find the truth of the capture that a motion was tracked in."""
     recorded = motion.provenance.get("truth")
     if not recorded:
         raise InputError(f"{result} was tracked in a capture without a truth; give one with --truth truth.npz.")

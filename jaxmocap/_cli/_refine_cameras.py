@@ -18,8 +18,10 @@ def refine_cameras(
     detections: DetectionsFolder = None,
     json: Json = False,
 ) -> int:
-    """Refine cameras, and the offsets to a part of a frame, by background and tracked body, and complete
-    capture.toml. The body needs keypoints in two views at tracked frames; the more, the better."""
+    """Refine cameras, and the offsets to a part of a frame, by background and tracked body, and complete capture.toml.
+
+    The body needs keypoints in two views at tracked frames; the more, the better.
+    """
     from jaxmocap.calibration import refine_cameras
 
     with progress() as report:

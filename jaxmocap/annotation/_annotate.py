@@ -208,7 +208,7 @@ class AnnotationPage:
         return value
 
     def _place(self, camera: int, place: Any) -> tuple[float, float]:
-        """A place in the picture."""
+        """Read a place in the picture; refuse what is none."""
         width, height = self._editor.capture.recorded_sizes[camera]
         if not (isinstance(place, list) and len(place) == 2 and all(type(v) in (int, float) for v in place)):
             raise Refused(400, "a place is two numbers, x and y")

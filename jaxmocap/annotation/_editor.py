@@ -66,19 +66,23 @@ class KeypointEditor:
         return len(self._done), len(self._undone)
 
     def points(self, camera: int, frame: int) -> Points:
-        """The points of one view; confidence 0 where there is none. Raises `InputError` for a file that cannot be
-        read."""
+        """Read the points of one view; confidence 0 where there is none.
+
+        Raises `InputError` for a file that cannot be read.
+        """
         with self._lock:
             return self._view(camera, frame).points.copy()
 
     def num_people(self, camera: int, frame: int) -> int:
-        """How many people a detector found there."""
+        """Count the people that a detector found there."""
         with self._lock:
             return len(self._view(camera, frame).people)
 
     def set(self, camera: int, frame: int, point: int, place: tuple[float, float] | None) -> None:
-        """Set one point, with confidence 1, or take it away. Neck and middle of the hips follow shoulders and hips
-        unless they were set themselves."""
+        """Set one point, with confidence 1, or take it away.
+
+        Neck and middle of the hips follow shoulders and hips unless they were set themselves.
+        """
 
         def change(points: Points) -> Points:
             moved = points.copy()

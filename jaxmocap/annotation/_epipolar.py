@@ -21,7 +21,7 @@ def epipolar_segment(
     pixel: Float[np.ndarray, "2"],
     box: Box,
 ) -> Float[np.ndarray, "2 2"] | None:
-    """The part within a box of the second image of the ray through a pixel of the first, from near to far.
+    """Cut the ray through a pixel of the first image to a box of the second, from near to far.
 
     Pinholes without distortion; the first pixel's centre is (0.5, 0.5). Only what lies before both cameras counts; None
     where nothing of that is in the box. Hartley and Zisserman 2004, 9.1: the ray's image joins the epipole to its
@@ -68,8 +68,11 @@ class EpipolarGeometry:
     def line(
         self, frame: int, source: int, target: int, pixel: Float[np.ndarray, "2"]
     ) -> Float[np.ndarray, "vertex 2"] | None:
-        """Where what is seen at a pixel of the `source` camera may lie in the picture of the `target` camera: vertices
-        of a line in the video's pixels, from near to far; None where all of it is out of the picture."""
+        """Draw where what is seen at a pixel of the `source` camera may lie in the `target` camera's picture.
+
+        The line is given by vertices in the video's pixels, from near to far; None where all of it is out of the
+        picture.
+        """
         lens, pair = self._lenses[source], np.array([source, target])
         if lens is not None:
             pixel = lens.points(np.asarray(pixel, float)[None])[0]
@@ -81,7 +84,7 @@ class EpipolarGeometry:
 
 
 def _box(lens: Undistortion | None, size: tuple[int, int]) -> Box:
-    """What of the undistorted image the recorded picture covers."""
+    """Find what part of the undistorted image the recorded picture covers."""
     width, height = size
     if lens is None:
         return 0.0, 0.0, float(width), float(height)

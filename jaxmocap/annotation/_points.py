@@ -26,8 +26,11 @@ _BONES = (
 
 
 def asked_points() -> list[dict[str, Any]]:
-    """The points in the order in which they are asked for. One that `optional` says is not asked for, but may be set:
-    middles follow from two others, and eyes and ears only tell where the head looks."""
+    """List the points in the order in which they are asked for.
+
+    One that `optional` says is not asked for, but may be set: middles follow from two others, and eyes and ears only
+    tell where the head looks.
+    """
     limbs = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle", "heel", "big_toe"))
     sides = ("r", "l")
     points = [_point("nose", "tip of the nose; pass over it if it is turned away")]
@@ -38,7 +41,7 @@ def asked_points() -> list[dict[str, Any]]:
 
 
 def bones() -> list[tuple[int, int]]:
-    """Pairs of BODY_25 points to draw lines between."""
+    """List pairs of BODY_25 points to draw lines between."""
     found: list[tuple[int, int]] = []
     for ends in _BONES:
         for side in ("l", "r"):

@@ -43,7 +43,7 @@ Routes = Mapping[tuple[str, str], Callable[[Mapping[str, Any]], Answer]]
 
 
 def json_answer(value: Any) -> Answer:
-    """A value as JSON."""
+    """Answer with a value as JSON."""
     return Answer(json.dumps(value, allow_nan=False).encode())
 
 
@@ -67,7 +67,7 @@ class LocalServer:
         return f"http://{HOST}:{self._server.server_address[1]}/{self.token}/"
 
     def stop(self) -> None:
-        """Answer nothing any more."""
+        """Stop answering."""
         self._server.shutdown()
         self._server.server_close()
 
@@ -97,7 +97,7 @@ def _handler(routes: Routes, token: str) -> type[BaseHTTPRequestHandler]:
             self._reply("POST")
 
         def log_message(self, format: str, *args: Any) -> None:
-            """Nothing: addresses hold the token."""
+            """Log nothing: addresses hold the token."""
 
         def _reply(self, method: str) -> None:
             try:

@@ -84,7 +84,7 @@ def person_keypoints(
 
 
 def body_size(points: Keypoints) -> Float[np.ndarray, " camera"]:
-    """How large the person is in each camera, in pixels: the median extent over frames."""
+    """Measure how large the person is in each camera, in pixels: the median extent over frames."""
     sizes = []
     for pixels, seen in zip(points.pixels, points.seen, strict=True):
         extents = [np.ptp(p[s], axis=0).max() for p, s in zip(pixels, seen, strict=True) if s.sum() >= 4]
@@ -135,8 +135,10 @@ def _with_velocity(points: Keypoints) -> Keypoints:
 
 
 def believed_lengths(lengths: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """What is believed of the bones beforehand, in metres, with relative deviations: `lengths` that are known, else the
-    mean adult's of 1.7 metres."""
+    """Say what is believed of the bones beforehand, in metres, with relative deviations.
+
+    These are `lengths` that are known, else those of the mean adult of 1.7 metres.
+    """
     found = {}
     for name, bone in RIGID.items():
         if name in lengths:

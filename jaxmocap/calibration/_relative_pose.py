@@ -59,8 +59,10 @@ def relative_poses(
 
 
 def _twisted(pose: np.ndarray) -> np.ndarray:
-    """The other rotation of the same essential matrix's family: half a turn about the baseline, then a mirrored plane's
-    is near. It begins another search; which is right is told by depth and by cost."""
+    """Turn a pose to the other rotation of the same essential matrix's family, half a turn about the baseline.
+
+    A mirrored plane's pose is near there. It begins another search; which is right is told by depth and by cost.
+    """
     axis = pose[:, 3] / np.linalg.norm(pose[:, 3])
     turn = Rotation.from_rotvec(np.pi * axis).as_matrix()
     return np.column_stack([turn @ pose[:, :3], pose[:, 3]])

@@ -80,7 +80,7 @@ def _cauchy(rows: np.ndarray) -> np.ndarray:
 
 
 def _body_axis(joints: np.ndarray, about_up: np.ndarray) -> np.ndarray:
-    """The median direction from between the ankles to between the shoulders."""
+    """Find the median direction from between the ankles to between the shoulders."""
     axes = joints[:, _SHOULDERS].mean(1) - joints[:, _ANKLES].mean(1)
     axes = axes[np.isfinite(axes).all(1)]
     if not len(axes):
@@ -91,7 +91,7 @@ def _body_axis(joints: np.ndarray, about_up: np.ndarray) -> np.ndarray:
 
 
 def _level(across: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """The direction nearest to up that is at right angles to all cameras' x axes, or most nearly so."""
+    """Find the direction nearest to up that is at right angles to all cameras' x axes, or most nearly so."""
     _, values, vectors = np.linalg.svd(across)
     normal = vectors[2]
     if len(values) > 1 and values[1] > 0.1 * values[0]:

@@ -15,8 +15,11 @@ _MOST_FRAMES = 2400  # that are read: of longer captures every so many
 
 
 def known_lenses(capture: Capture, footage: Footage, file: Path | None) -> tuple[np.ndarray, np.ndarray]:
-    """The cameras' matrices (camera, 3, 3) and five coefficients of distortion (camera, 5): those of a calibration
-    `file`, whose poses do not count, else guessed focal lengths and centres of the pictures."""
+    """Read the cameras' matrices (camera, 3, 3) and five coefficients of distortion (camera, 5), or guess them.
+
+    They are those of a calibration `file`, whose poses do not count, else guessed focal lengths and the centres of the
+    pictures.
+    """
     if file is not None:
         found = read_cameras(file, capture.camera_names, 1, capture.sizes)
         return np.asarray(found.intrinsics, float), np.asarray(found.distortion, float)

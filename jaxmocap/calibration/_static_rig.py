@@ -80,7 +80,7 @@ def find_static_rig(
 
 
 def usable_frames(seen: Keypoints) -> Int[np.ndarray, " frame"]:
-    """The frames at which two cameras see enough of the person."""
+    """Find the frames at which two cameras see enough of the person."""
     return np.flatnonzero(seen.together.sum(axis=1) >= FEWEST_JOINTS)
 
 
@@ -211,7 +211,7 @@ def _residuals(seen: Keypoints, rig: Rig, centre: np.ndarray, points: np.ndarray
 
 
 def _deviations(fit: PersonFit, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations of centres and angles after the best similarity, by samples of the cameras' covariance."""
+    """Estimate deviations of centres and angles after the best similarity, by samples of the cameras' covariance."""
     generator, count = np.random.default_rng(seed), len(fit.rig.focal)
     symmetric = (fit.covariance + fit.covariance.T) / 2
     values, vectors = np.linalg.eigh(symmetric)

@@ -98,7 +98,7 @@ def _neighbours(index: int, trusted: np.ndarray, reach: int) -> Int[np.ndarray, 
 
 
 def _predict(time: float, times: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """The pose at `time` on robust parabolas through centres and rotation vectors."""
+    """Predict the pose at `time` by robust parabolas through centres and rotation vectors."""
     rotations = poses[:, :3, :3]
     alike = np.einsum("aij,bij->ab", rotations, rotations)
     middle = rotations[int(np.median(alike, axis=1).argmax())]  # the most central, so that rotation vectors are small

@@ -84,8 +84,9 @@ class Capture:
 
     @staticmethod
     def open(path: str | Path, *, with_cameras: bool = True, longest_side: int | None = None) -> "Capture":
-        """Open a capture folder, or its `capture.toml`. Without cameras, whatever it says about them is not looked at,
-        and images, masks and keypoints are as recorded.
+        """Open a capture folder, or its `capture.toml`.
+
+        Without cameras, whatever it says about them is not looked at, and images, masks and keypoints are as recorded.
 
         Pictures longer than `longest_side` pixels are made smaller; by default what `capture.toml` says, or else 960,
         as the paper's Sec. 5 makes 1920 x 1080 to 960 x 540.
@@ -196,7 +197,7 @@ class Capture:
         return _RandomAccess(self.indices)
 
     def image(self, camera_index: int, frame: int) -> UInt8[np.ndarray, "height width 3"]:
-        """One image, RGB, undistorted; any order. The last few are kept. Treat it as read-only."""
+        """Decode one image, RGB, undistorted; any order. The last few are kept. Treat it as read-only."""
         access = self._random_access
         with access.lock:
             key = (camera_index, frame)
@@ -210,8 +211,10 @@ class Capture:
             return access.images[key]
 
     def look_ahead(self, frames: Sequence[int]) -> None:
-        """Begin to decode the first of these frames, as many as are kept, in a thread. What goes wrong there is said
-        when they are asked for."""
+        """Begin to decode the first of these frames, as many as are kept, in a thread.
+
+        What goes wrong there is said when they are asked for.
+        """
         pairs = list(itertools.product(frames, range(self.num_cameras)))[:_CACHED_IMAGES]
         _ = self._random_access  # which copies of this capture share
 
@@ -223,7 +226,7 @@ class Capture:
         threading.Thread(target=decode, name="frames ahead").start()
 
     def mask(self, camera_index: int, frame: int) -> Bool[np.ndarray, "height width"] | None:
-        """The person's mask, undistorted like the image; None if there is none for this camera and frame."""
+        """Read the person's mask, undistorted like the image; None if there is none for this camera and frame."""
         own = self._own_frame(camera_index, frame)
         found = self.found_masks.get((camera_index, frame))
         if found is not None or self.masks_folder is None:
@@ -237,24 +240,24 @@ class Capture:
         return mask
 
     def with_masks(self, masks: Mapping[int, Sequence[Bool[np.ndarray, "height width"] | None]]) -> "Capture":
-        """The same capture with masks that were found: frame -> one undistorted mask, or None, per camera."""
+        """Return the same capture with masks that were found: frame -> one undistorted mask, or None, per camera."""
         found = {(camera, frame): m for frame, row in masks.items() for camera, m in enumerate(row) if m is not None}
         return self._with(found_masks={**self.found_masks, **found})
 
     def with_selected_frames(self, frames: Sequence[int]) -> "Capture":
-        """The same capture with these selected frames (positions)."""
+        """Return the same capture with these selected frames (positions)."""
         return self._with(selected_frames=tuple(sorted(set(frames))))
 
     def with_keypoints_folder(self, folder: Path) -> "Capture":
-        """The same capture with keypoints from this folder."""
+        """Return the same capture with keypoints from this folder."""
         return self._with(keypoints_folder=folder)
 
     def as_recorded(self) -> "Capture":
-        """The same capture with pictures, masks, keypoints and cameras of the videos' own sizes."""
+        """Return the same capture with pictures, masks, keypoints and cameras of the videos' own sizes."""
         return replace(self, longest_side=None, found_masks={})
 
     def _with(self, **changes: Any) -> "Capture":
-        """A changed copy that shares the cameras read and the videos opened."""
+        """Make a changed copy that shares the cameras read and the videos opened."""
         copy = replace(self, **changes)
         opened = {name: self.__dict__[name] for name in _OPENED if name in self.__dict__}
         copy.__dict__.update(opened)
@@ -263,20 +266,20 @@ class Capture:
     def recorded_mask(
         self, camera_index: int, mask: Bool[np.ndarray, "lower narrower"]
     ) -> Bool[np.ndarray, "height width"]:
-        """An undistorted mask as it lies in the recorded video, which is how mask files hold it."""
+        """Warp an undistorted mask to the recorded video, which is how mask files hold it."""
         for step in reversed(self._steps(camera_index)):
             mask = step.recorded_mask(mask)
         return mask
 
     def keypoints(self, camera_index: int, frame: int) -> Float64[np.ndarray, "25 3"] | None:
-        """BODY_25 points x, y, confidence, moved to the undistorted image; None without a file or a person.
+        """Read BODY_25 points x, y, confidence in the undistorted image; None without a file or a person.
 
         Of several people the one of the largest mean confidence is taken. Points not found have confidence 0.
         """
         return best_person(self.people(camera_index, frame))
 
     def people(self, camera_index: int, frame: int, folder: Path | None = None) -> list[Float64[np.ndarray, "25 3"]]:
-        """Everybody in a keypoint file, as `keypoints` gives one; from another folder than the capture's if asked."""
+        """Read everybody in a keypoint file as `keypoints` does; from another folder than the capture's if asked."""
         own = self._own_frame(camera_index, frame)
         source = self.video_keypoints(camera_index, folder)
         people = [] if source is None else source.people(own)
@@ -287,13 +290,15 @@ class Capture:
         return people
 
     def keypoint_frames(self, camera_index: int) -> tuple[int, ...]:
-        """The frames for which this camera has keypoints on file, be it that they show nobody."""
+        """List the frames for which this camera has keypoints on file, be it that they show nobody."""
         source, own = self.video_keypoints(camera_index), self.video_frames[camera_index]
         return () if source is None else tuple(i for i in range(self.num_frames) if source.has(int(own[i])))
 
     def video_keypoints(self, camera_index: int, folder: Path | None = None) -> VideoKeypoints | None:
-        """The files of one video in the keypoints folder, or in another; None without a folder. Files may bear the
-        video's name instead of the camera's where it is no other video's or camera's."""
+        """Find the files of one video in the keypoints folder, or in another; None without a folder.
+
+        Files may bear the video's name instead of the camera's where it is no other video's or camera's.
+        """
         folder = self.keypoints_folder if folder is None else folder
         if folder is None:
             return None

@@ -35,7 +35,7 @@ def _attempt(findings: list[Finding], where: str, action: Callable[[], _Result])
 def _build_what_can_be(
     file: Path, config: CaptureConfig, indices: list[VideoIndex | None], findings: list[Finding]
 ) -> Capture | None:
-    """The capture of the readable videos; settings that make it impossible are reported and left out."""
+    """Build the capture of the readable videos; settings that make it impossible are reported and left out."""
     entries = [entry for entry, index in zip(config.camera, indices, strict=True) if index is not None]
     readable = [index for index in indices if index is not None]
     if not readable:
@@ -52,7 +52,7 @@ def _build_what_can_be(
 
 
 def _cameras(capture: Capture, findings: list[Finding]) -> Cameras | None:
-    """The cameras if they can be read, with everything that is wrong with each of them."""
+    """Read the cameras, if that is possible, and report everything that is wrong with each of them."""
     path = capture.cameras_path
     if path is None:
         findings.append(
@@ -103,7 +103,7 @@ def _chosen_frames(capture: Capture, cameras: Cameras) -> Finding:
 
 
 def _about_person(capture: Capture, cameras: Cameras) -> list[Finding]:
-    """What needs to know where the person is: size, place in the pictures, depth, what the poses' errors do there."""
+    """Check what depends on where the person is: size, place in the pictures, depth, effect of the poses' errors."""
     findings: list[Finding] = []
     people = _attempt(findings, "keypoints", lambda: triangulated_people(capture, cameras, findings)) or {}
     if people:
@@ -119,7 +119,7 @@ def _about_person(capture: Capture, cameras: Cameras) -> list[Finding]:
 
 
 def _between(capture: Capture, start: int, stop: int | None) -> Capture:
-    """The capture of some of the shared frames."""
+    """Cut the capture to some of the shared frames."""
     stop = capture.num_frames if stop is None else stop
     if not 0 <= start < stop <= capture.num_frames:
         raise InputError(

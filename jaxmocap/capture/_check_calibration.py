@@ -24,7 +24,10 @@ _LARGEST_TURN = 3.0  # degrees
 
 
 def check_calibration(capture: Capture, cameras: Cameras, distance: float | None) -> Iterator[Finding]:
-    """Residuals, uncertainty of the poses, frames that were filled in, scale. `distance` of the person, metres."""
+    """Check residuals, uncertainty of the poses, frames that were filled in, scale.
+
+    `distance` is that of the person, metres.
+    """
     folder = capture.cameras_path
     if folder is None or not folder.is_dir():
         return
@@ -50,8 +53,10 @@ def check_calibration(capture: Capture, cameras: Cameras, distance: float | None
 
 
 def well_placed_frames(capture: Capture, camera: int) -> set[int]:
-    """The frames of a camera's own video whose poses fit what they see, by the report beside the model; none without
-    one."""
+    """Find the frames of a camera's own video whose poses fit what they see.
+
+    The report beside the model tells; none without one.
+    """
     folder = capture.cameras_path
     if folder is None or not (folder / "uncertainty.json").is_file():
         return set()
@@ -168,7 +173,7 @@ def _world(record: dict[str, Any], folder: str, has_picture: bool) -> Iterator[F
 
 
 def _refinement(capture: Capture, report: Path) -> Iterator[Finding]:
-    """What `refine-cameras` left, if it made this model."""
+    """Report what `refine-cameras` left, if it made this model."""
     if not report.is_file():
         return
     try:

@@ -39,7 +39,10 @@ def _largest_motion(poses: Float[np.ndarray, "frame 4 4"]) -> tuple[np.ndarray, 
 
 
 def check_paths(capture: Capture, cameras: Cameras) -> Iterator[Finding]:
-    """Static or moving, and jumps that no hand makes (a wrong pose of structure from motion)."""
+    """Tell whether cameras are static or moving, and find jumps that no hand makes.
+
+    Such a jump is a wrong pose of structure from motion.
+    """
     poses = np.asarray(cameras.cam_from_world, float)
     for index, name in enumerate(cameras.names):
         metres, degrees = _largest_motion(poses[index])
@@ -137,7 +140,10 @@ def _ahead(points: Float[np.ndarray, "25 3"]) -> Float[np.ndarray, "5"]:
 
 
 def _handedness_findings(people: Iterable[Float[np.ndarray, "25 3"]], trusted: bool) -> Iterator[Finding]:
-    """An error (a warning, where depth is not `trusted`) when all frames together say that the person is inside out."""
+    """Report when all frames together say that the person is inside out.
+
+    It is an error; a warning where depth is not `trusted`.
+    """
     ahead = np.concatenate([_ahead(points) for points in people] or [np.zeros(0)])
     ahead = ahead[np.isfinite(ahead)]
     if len(ahead) >= _FEWEST_AHEAD and ahead.sum() < _BACKWARDS * np.abs(ahead).sum():
@@ -182,7 +188,7 @@ def _disagreement(own: int, worst: Float[np.ndarray, " 25"]) -> Finding:
 def _points_at(
     capture: Capture, cameras: Cameras, frame: int, findings: list[Finding]
 ) -> Float[np.ndarray, "25 3"] | None:
-    """The triangulated keypoints of one frame, NaN where unseen or disagreed upon; None if there are none to use."""
+    """Triangulate the keypoints of one frame, NaN where unseen or disagreed upon; None if there are none to use."""
     found = [capture.keypoints(index, frame) for index in range(capture.num_cameras)]
     keypoints = np.stack([np.zeros((25, 3)) if points is None else points for points in found])
     weights = np.where(keypoints[..., 2] >= _CONFIDENT, 1.0, 0.0)
@@ -207,8 +213,10 @@ def _points_at(
 def triangulated_people(
     capture: Capture, cameras: Cameras, findings: list[Finding]
 ) -> dict[int, Float[np.ndarray, "25 3"]]:
-    """Triangulate the keypoints of some frames: (25, 3) points in metres by frame, NaN where unseen. What is wrong with
-    frames that cannot be used is put into `findings`."""
+    """Triangulate the keypoints of some frames: (25, 3) points in metres by frame, NaN where unseen.
+
+    What is wrong with frames that cannot be used is put into `findings`.
+    """
     found = {frame: _points_at(capture, cameras, frame, findings) for frame in _frames_to_try(capture)}
     return {frame: points for frame, points in found.items() if points is not None}
 
@@ -221,7 +229,7 @@ def check_subject(capture: Capture, cameras: Cameras) -> list[Finding]:
 
 
 def check_triangulated(cameras: Cameras, people: Mapping[int, Float[np.ndarray, "25 3"]]) -> list[Finding]:
-    """What the triangulated keypoints tell together."""
+    """Check what the triangulated keypoints tell together."""
     angles = []
     for frame, points in people.items():
         rays = np.nanmedian(points, axis=0) - np.asarray(cameras.centres()[:, frame])

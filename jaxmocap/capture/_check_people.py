@@ -37,8 +37,10 @@ def _missing(capture: Capture, kind: str, index: int, own: int, file: Path) -> F
 
 
 def check_keypoints(capture: Capture) -> Iterator[Finding]:
-    """Layout, number of people, points outside the picture, files that are missing at the selected frames or never
-    read."""
+    """Check layout, number of people, points outside the picture, and files.
+
+    A file may be missing at a selected frame, or never be read.
+    """
     folder = capture.keypoints_folder
     if folder is None:
         yield Finding(
@@ -64,7 +66,7 @@ def check_keypoints(capture: Capture) -> Iterator[Finding]:
 def _check_files(
     capture: Capture, index: int, source: VideoKeypoints, files: dict[int, Path], video: Path | None
 ) -> Iterator[Finding]:
-    """What the files of one camera hold."""
+    """Check what the files of one camera hold."""
     name, chosen, readable = capture.camera_names[index], [], True
     for frame, file in files.items():
         where = f"{name} frame {frame}"
@@ -104,7 +106,7 @@ def _check_files(
 
 
 def _check_video(capture: Capture, index: int, file: Path, frames: dict[int, list[np.ndarray]]) -> Iterator[Finding]:
-    """A file of the whole video, each finding once."""
+    """Check a file of the whole video, each finding once."""
     name, count = capture.camera_names[index], capture.indices[index].num_frames
     several = [frame for frame, people in frames.items() if len(people) > 1]
     if not any(frames.values()):
@@ -139,7 +141,7 @@ def _outside(capture: Capture, index: int, source: VideoKeypoints, people: list[
 
 
 def check_masks(capture: Capture) -> Iterator[Finding]:
-    """Size, empty and full masks, files that are missing at the selected frames or never read."""
+    """Check masks for size, empty and full ones, and files missing at the selected frames or never read."""
     folder = capture.masks_folder
     if folder is None or not folder.is_dir():
         return

@@ -79,7 +79,7 @@ def _times(camera: str, index: VideoIndex, nominal: float | None) -> Iterator[Fi
 
 
 def check_videos(config: CaptureConfig, indices: Sequence[VideoIndex | None]) -> Iterator[Finding]:
-    """Everything about the videos that could be indexed (the others are None)."""
+    """Check everything about the videos that could be indexed (the others are None)."""
     readable = [(entry, index) for entry, index in zip(config.camera, indices, strict=True) if index is not None]
     for entry, index in readable:
         yield from _times(entry.name, index, config.fps)
@@ -96,7 +96,7 @@ def check_videos(config: CaptureConfig, indices: Sequence[VideoIndex | None]) ->
 
 
 def check_sync(file: Path, config: CaptureConfig) -> Iterator[Finding]:
-    """Per pair of cameras: methods, confidences and where they disagree; offsets that nothing has measured."""
+    """Check each pair of cameras: methods, confidences, where they disagree, and offsets that nothing has measured."""
     if len(config.camera) < 2:
         return
     report = file.parent / SYNC_REPORT

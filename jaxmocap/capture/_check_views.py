@@ -20,7 +20,7 @@ People = Mapping[int, Float[np.ndarray, "25 3"]]
 
 
 def check_shared_frames(capture: Capture) -> Iterator[Finding]:
-    """How much of each video all cameras share."""
+    """Check how much of each video all cameras share."""
     if capture.num_cameras < 2:
         return
     counts = [index.num_frames for index in capture.indices]
@@ -41,7 +41,7 @@ def check_shared_frames(capture: Capture) -> Iterator[Finding]:
 
 
 def check_views(capture: Capture, cameras: Cameras, people: People) -> Iterator[Finding]:
-    """Whether the person is in the pictures, and the angles between the cameras with the depth that they allow."""
+    """Check that the person is in the pictures, and the angles between the cameras with the depth that they allow."""
     if capture.num_cameras < 2:
         return
     poses = np.asarray(cameras.cam_from_world, float)
@@ -89,7 +89,7 @@ def _angle_finding(who: str, geometries: list[ViewGeometry], capture: Capture, *
 
 
 def _places(poses: np.ndarray, people: People) -> Float[np.ndarray, "frame 3"] | None:
-    """The person's middle at every frame: between the frames at which keypoints tell it, else where cameras look."""
+    """Place the person's middle at every frame: by the keypoints of the frames around, else where cameras look."""
     frames = sorted(people)
     if not frames:
         point = look_at_point(poses.reshape(-1, 4, 4))

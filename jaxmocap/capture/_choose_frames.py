@@ -87,7 +87,10 @@ def _frames_in_two_views(capture: Capture) -> list[int]:
 def _triangulated(
     capture: Capture, cameras: Cameras, frame: int
 ) -> tuple[Float[np.ndarray, "13 3"], float, Bool[np.ndarray, "13"]]:
-    """The 13 points in the world, the median distance of their rays to them in metres, and which are seen twice."""
+    """Triangulate the 13 points in the world.
+
+    Returns with them the median distance of their rays to them in metres, and which are seen twice.
+    """
     found = [capture.keypoints(camera, frame) for camera in range(capture.num_cameras)]
     rows = np.stack([np.zeros((25, 3)) if points is None else points for points in found])[:, _POINTS]
     weights = np.where(rows[..., 2] >= _CONFIDENT, rows[..., 2], 0.0)
@@ -128,7 +131,7 @@ def _described(
 
 
 def _flat(capture: Capture, frame: int) -> tuple[_Description | None, int]:
-    """The joints as the only camera sees them, about the hips and in units of the trunk, and how many are seen."""
+    """Describe the joints as the only camera sees them, about the hips and in units of the trunk; count those seen."""
     found = capture.keypoints(0, frame)
     points = np.zeros((13, 3)) if found is None else np.asarray(found, float)[list(_POINTS)]
     known = points[:, 2] >= _CONFIDENT
@@ -162,8 +165,11 @@ def _leaps(distance: Float[np.ndarray, "good good"], frames: np.ndarray) -> Bool
 
 
 def facility_location(distance: Float[np.ndarray, "frame frame"], frames: np.ndarray, count: int) -> list[int]:
-    """Rows of `distance` that stand for all: the first one early in `frames`, every further one that lowers the sum of
-    distances to the nearest chosen one most; fewer than `count` when nothing is left to gain."""
+    """Choose rows of `distance` that stand for all.
+
+    The first one is early in `frames`; every further one lowers the sum of distances to the nearest chosen one most.
+    There are fewer than `count` when nothing is left to gain.
+    """
     early = np.flatnonzero(frames <= frames[0] + _START * (frames[-1] - frames[0]))
     chosen = [int(early[np.argmin(distance[early].sum(1))])]
     nearest = distance[chosen[0]]

@@ -112,7 +112,7 @@ class CaptureConfig(BaseModel):
 
 
 def config_path(path: str | Path) -> Path:
-    """The configuration file of a capture given as its folder or as the file itself."""
+    """Find the configuration file of a capture given as its folder or as the file itself."""
     path = Path(path)
     file = path / "capture.toml" if path.is_dir() else path
     if not file.is_file():
@@ -181,7 +181,7 @@ def _more_problems(file: Path, config: CaptureConfig) -> list[str]:
 
 
 def read_config(file: Path) -> tuple[CaptureConfig | None, list[Finding]]:
-    """The configuration and all findings about it; None if an error among them makes it unusable."""
+    """Read the configuration and report all findings; it is None if an error among them makes it unusable."""
     try:
         document, findings = _parse(file)
     except InputError as error:
@@ -195,7 +195,7 @@ def read_config(file: Path) -> tuple[CaptureConfig | None, list[Finding]]:
 
 
 def missing_files(file: Path, config: CaptureConfig) -> list[tuple[str, str]]:
-    """Files and folders the configuration names that do not exist: (key, sentence)."""
+    """List files and folders the configuration names that do not exist: (key, sentence)."""
     found = []
     for key, is_folder in (("actor", False), ("cameras", None), ("keypoints", True), ("masks", True)):
         value = getattr(config, key)
@@ -213,7 +213,7 @@ def missing_files(file: Path, config: CaptureConfig) -> list[tuple[str, str]]:
 def span_of(
     config: CaptureConfig, file: Path, shared: Int64[np.ndarray, "camera frame"], indices: Sequence[VideoIndex]
 ) -> tuple[int, list[Finding]]:
-    """How many of the shared frames to use, and what to say about it."""
+    """Choose how many of the shared frames to use, and say what there is to say about it."""
     count = shared.shape[1]
     if config.frames is None or config.frames == count:
         return count, []

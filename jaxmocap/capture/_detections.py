@@ -46,12 +46,14 @@ class Detections:
         return detections
 
     def has(self, camera_index: int, frame: int) -> bool:
-        """Whether there are keypoints on file that may be used."""
+        """Tell whether there are keypoints on file that may be used."""
         wanted = self.frames is None or frame in self.frames
         source = self.capture.video_keypoints(camera_index, self.folder)
         return wanted and source is not None and source.has(int(self.capture.video_frames[camera_index, frame]))
 
     def people(self, camera_index: int, frame: int) -> list[Float64[np.ndarray, "25 3"]]:
-        """Everybody found in one view; empty where there is no file that may be used. Raises `InputError` for a file
-        that cannot be read."""
+        """Read everybody found in one view; empty where there is no file that may be used.
+
+        Raises `InputError` for a file that cannot be read.
+        """
         return self.capture.people(camera_index, frame, self.folder) if self.has(camera_index, frame) else []

@@ -10,8 +10,10 @@ from jaxmocap._results import InputError
 
 
 def reduced_size(size: tuple[int, int], longest_side: int | None) -> tuple[int, int]:
-    """(width, height) in the same proportion with no side longer, even as videos must be; as it is where it is small
-    enough, or for None."""
+    """Reduce (width, height) in proportion until no side is longer, both even as videos must be.
+
+    It stays as it is where it is small enough, or for None.
+    """
     if longest_side is None or max(size) <= longest_side:
         return size
     width, height = (max(2 * round(side * longest_side / max(size) / 2), 2) for side in size)
@@ -26,19 +28,19 @@ class Reduction:
         self._factors = np.divide(size, recorded)
 
     def image(self, image: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "lower narrower 3"]:
-        """The mean of the pixels that fall into one."""
+        """Average the pixels that fall into one."""
         return cv2.resize(image, self._size, interpolation=cv2.INTER_AREA)
 
     def mask(self, mask: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "lower narrower"]:
-        """Where at least half of what falls into a pixel is in the mask."""
+        """Mark where at least half of what falls into a pixel is in the mask."""
         return cv2.resize(255 * mask.astype(np.uint8), self._size, interpolation=cv2.INTER_AREA) > 127
 
     def recorded_mask(self, mask: Bool[np.ndarray, "lower narrower"]) -> Bool[np.ndarray, "height width"]:
-        """The inverse of `mask` as far as there is one: larger, the outline straight between pixels."""
+        """Invert `mask` as far as possible: larger, the outline straight between pixels."""
         return cv2.resize(255 * mask.astype(np.uint8), self._recorded, interpolation=cv2.INTER_LINEAR) > 127
 
     def points(self, points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
-        """Pixels of the recorded video -> pixels of the smaller picture."""
+        """Map pixels of the recorded video to pixels of the smaller picture."""
         return points * self._factors
 
 
@@ -59,15 +61,18 @@ class Undistortion:
         )
 
     def image(self, image: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "height width 3"]:
-        """Bilinear. Where the lens saw nothing, the nearest pixel is repeated, so that no false edge appears."""
+        """Undistort an image bilinearly.
+
+        Where the lens saw nothing, the nearest pixel is repeated, so that no false edge appears.
+        """
         return cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
     def mask(self, mask: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:
-        """Nearest pixel; False where the lens saw nothing."""
+        """Undistort a mask by nearest pixels; False where the lens saw nothing."""
         return cv2.remap(mask.astype(np.uint8), *self._maps, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT) > 0
 
     def recorded_mask(self, mask: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:
-        """The inverse of `mask`: an undistorted mask in the recorded video."""
+        """Invert `mask`: an undistorted mask in the recorded video."""
         height, width = mask.shape
         rows, columns = np.mgrid[:height, :width]
         ideal = self.points(np.stack([columns, rows], -1).reshape(-1, 2) + 0.5) - 0.5
@@ -75,14 +80,14 @@ class Undistortion:
         return cv2.remap(mask.astype(np.uint8), maps, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT) > 0  # pyright: ignore
 
     def points(self, points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
-        """Pixels of the recorded video -> pixels of the undistorted image."""
+        """Map pixels of the recorded video to pixels of the undistorted image."""
         raw = (np.asarray(points, float) - 0.5).reshape(-1, 1, 2)
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
         ideal = cv2.undistortPoints(raw, self._matrix, self._distortion, R=np.eye(3), P=self._matrix, criteria=criteria)
         return ideal.reshape(-1, 2) + 0.5
 
     def recorded_points(self, points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
-        """The inverse of `points`: pixels of the undistorted image -> pixels of the recorded video."""
+        """Map pixels of the undistorted image to pixels of the recorded video: the inverse of `points`."""
         ideal = np.column_stack([np.asarray(points, float) - 0.5, np.ones(len(points))])
         plane = ideal @ np.linalg.inv(self._matrix).T
         recorded, _ = cv2.projectPoints(plane, np.zeros(3), np.zeros(3), self._matrix, self._distortion)

@@ -53,7 +53,7 @@ def plan_sync(
 def _consequences(
     file: Path, config: CaptureConfig, videos: Sequence[VideoIndex], found: Synchronisation
 ) -> tuple[str, ...]:
-    """What else in `capture.toml` no longer fits, if anything."""
+    """List what else in `capture.toml` no longer fits, if anything."""
     entries = [
         entry.model_copy(update={"offset": offset}) for entry, offset in zip(config.camera, found.offsets, strict=True)
     ]
@@ -100,12 +100,12 @@ def new_capture_text(
 
 
 def video_names(paths: Sequence[Path], names: Sequence[str]) -> dict[str, Path]:
-    """The videos by their file names in a new capture."""
+    """Name the videos as files of a new capture."""
     return {f"{name}{path.suffix}": path for name, path in zip(names, paths, strict=True)}
 
 
 def camera_names(paths: Sequence[Path]) -> list[str]:
-    """File names without suffix as camera names, or cam0, cam1, ... if they are not different or not usable."""
+    """Name cameras by their files without suffix, or cam0, cam1, ... if those are not different or not usable."""
     names = [re.sub(r"[^\w.\-]", "_", path.stem).lstrip(".-") for path in paths]
     if len({name.lower() for name in names}) < len(names) or not all(names):
         return [f"cam{number}" for number in range(len(paths))]

@@ -97,7 +97,7 @@ def index_video(path: Path) -> VideoIndex:
 
 
 def luma_frames(index: VideoIndex) -> Iterator[tuple[int, UInt8[np.ndarray, "height width"]]]:
-    """Number and brightness of every frame in one pass, as stored: not turned upright, without converting colours.
+    """Yield number and brightness of every frame in one pass, as stored: not turned upright, no colours converted.
 
     Raises `InputError` where the video cannot be decoded.
     """
@@ -140,7 +140,7 @@ class FrameReader:
         self._current, self._position = None, -1
 
     def read(self, frame: int) -> UInt8[np.ndarray, "height width 3"]:
-        """Frame number `frame` of the video, upright, RGB. Raises `InputError` if it cannot be decoded."""
+        """Read frame number `frame` of the video, upright, RGB. Raises `InputError` if it cannot be decoded."""
         if not 0 <= frame < self._index.num_frames:
             raise IndexError(f"{self._index.path.name} has frames 0..{self._index.num_frames - 1}, not {frame}")
         try:

@@ -51,8 +51,10 @@ class BlazePose:
     def find(
         self, picture: UInt8[np.ndarray, "height width 3"], part: Region | None = None, *, thorough: bool = True
     ) -> list[Region]:
-        """Everybody in a part of an RGB picture or in all of it, the most certain first; where nobody is found and
-        `thorough`, quarters of that are searched, in which people look larger."""
+        """Find everybody in a part of an RGB picture or in all of it, the most certain first.
+
+        Where nobody is found and `thorough`, quarters of that are searched, in which people look larger.
+        """
         picture = brightened(picture)
         everywhere = part or whole(picture)
         found = self._found(picture, [everywhere])
@@ -79,7 +81,7 @@ class BlazePose:
         return result
 
     def look(self, picture: UInt8[np.ndarray, "height width 3"], region: Region) -> Sighting:
-        """The person in a region of an RGB picture, as the mean of what the square and its mirror image show."""
+        """Look at the person in a region of an RGB picture: the mean of what the square and its mirror image show."""
         square = brightened(region.cut(picture, _SQUARE)).astype(np.float32) / 255
         squares = np.stack([square, square[:, ::-1]]) if self.mirrored else square[None]
         values, presence, _, heat, _ = self.landmarks(squares)
@@ -110,7 +112,7 @@ def _anchors() -> Float64[np.ndarray, "2254 2"]:
 
 
 def _one_each(found: list[_Found]) -> list[_Found]:
-    """The most certain of every group of overlapping boxes."""
+    """Keep the most certain of every group of overlapping boxes."""
     kept: list[_Found] = []
     for one in sorted(found, key=lambda one: -one[0]):
         if all(_overlap(one[1], other[1]) < _SAME_PERSON for other in kept):

@@ -28,13 +28,15 @@ class VideoKeypoints:
     size: Size
 
     def expected_file(self, frame: int) -> Path:
-        """Our own name of the file of one frame."""
+        """Return our own name of the file of one frame."""
         return self.folder / f"{self.names[0]}_{frame:05d}_keypoints.json"
 
     def frame_file(self, frame: int) -> Path | None:
-        """The file of one frame: `<camera>_00012_keypoints.json`, OpenPose's `<video>_000000000012_keypoints.json`, or
-        any name that ends in the frame's number (5 digits or more) in a folder `<video>_json`, as Pose2Sim writes it,
-        or `<video>`."""
+        """Find the file of one frame.
+
+        It is `<camera>_00012_keypoints.json`, OpenPose's `<video>_000000000012_keypoints.json`, or any name that ends
+        in the frame's number (5 digits or more) in a folder `<video>_json`, as Pose2Sim writes it, or `<video>`.
+        """
         for file in (
             self.expected_file(frame),
             *(self.folder / f"{name}_{frame:012d}_keypoints.json" for name in self.names),
@@ -44,26 +46,33 @@ class VideoKeypoints:
         return next((files[frame] for files in map(_numbered, self._folders()) if frame in files), None)
 
     def frame_files(self) -> dict[int, Path]:
-        """The file of every frame that has one of its own."""
+        """List the file of every frame that has one of its own."""
         frames = {int(found[1]) for file in self.folder.iterdir() if (found := _AT_THE_TOP.fullmatch(file.name))}
         frames = frames.union(*map(_numbered, self._folders()))
         return {frame: file for frame in sorted(frames) if (file := self.frame_file(frame)) is not None}
 
     def video_file(self) -> Path | None:
-        """The file of the whole video: `<camera>.json` or `<video>.json`, `results_<video>.json` as MMPose's demos call
-        it, or AlphaPose's `alphapose-results.json` in a folder `<video>`."""
+        """Find the file of the whole video.
+
+        It is `<camera>.json` or `<video>.json`, `results_<video>.json` as MMPose's demos call it, or AlphaPose's
+        `alphapose-results.json` in a folder `<video>`.
+        """
         forms = ("{}.json", "results_{}.json", "{}/alphapose-results.json")
         files = (self.folder / form.format(name) for form in forms for name in self.names)
         return next((file for file in files if file.is_file()), None)
 
     def has(self, frame: int) -> bool:
-        """Whether the detector says anything about a frame, be it that nobody is there. Raises `InputError` for a
-        whole video's file that cannot be read."""
+        """Tell whether the detector says anything about a frame, be it that nobody is there.
+
+        Raises `InputError` for a whole video's file that cannot be read.
+        """
         return self.frame_file(frame) is not None or self._of_video(frame) is not None
 
     def people(self, frame: int) -> People:
-        """Everybody at one frame, as `read_people`; nobody where there is no file. Raises `InputError` for a file that
-        cannot be read."""
+        """Read everybody at one frame, as `read_people`; nobody where there is no file.
+
+        Raises `InputError` for a file that cannot be read.
+        """
         file = self.frame_file(frame)
         return (self._of_video(frame) or []) if file is None else read_people(file, self.layout, self.size)
 
@@ -77,13 +86,13 @@ class VideoKeypoints:
 
 
 def _numbered(folder: Path) -> dict[int, Path]:
-    """The files of a folder by the frame their names end in."""
+    """List the files of a folder by the frame their names end in."""
     return _kept_listing(folder, folder.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=64)
 def _kept_listing(folder: Path, changed: int) -> dict[int, Path]:
-    """`changed` (nanoseconds) tells that files came or went."""
+    """List a folder once; `changed` (nanoseconds) tells that files came or went."""
     found: dict[int, Path] = {}
     for file in sorted(folder.iterdir()):
         if (name := _INSIDE.fullmatch(file.name)) and file.is_file():

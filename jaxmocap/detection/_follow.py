@@ -43,7 +43,7 @@ class FollowedPerson:
         return self.sides > 0
 
     def joined(self, later: "FollowedPerson") -> "FollowedPerson":
-        """The pictures of both, in order; of those that both have, the later's."""
+        """Join the pictures of both, in order; of those that both have, the later's."""
         if not self.points.size or not later.points.size:
             return later if later.points.size else self
         kept = ~np.isin(self.frames, later.frames)
@@ -89,8 +89,10 @@ def follow_person(
 
 
 def believed(person: FollowedPerson, size: tuple[int, int]) -> FollowedPerson:
-    """The confidences that the model gave, 0 for points outside the picture of `size` (width, height) and for those
-    that jump away for a single picture."""
+    """Return the confidences that the model gave, 0 for points that are not believed.
+
+    These are points outside the picture of `size` (width, height) and those that jump away for a single picture.
+    """
     points = person.points.copy()
     outside = ((points[..., :2] < 0) | (points[..., :2] > size)).any(-1)
     points[..., 2] = np.where(outside, 0.0, person.scores)
@@ -107,7 +109,7 @@ class _Follower:
         self._missed = self._since = 0
 
     def next(self, picture: np.ndarray) -> Sighting | None:
-        """The person in the next picture."""
+        """Find the person in the next picture."""
         sighting = None
         if self._last is not None and not self._missed:
             sighting = self._checked(picture, self._again(picture, self._last))
@@ -122,14 +124,16 @@ class _Follower:
         return sighting if sighting.presence >= _PRESENT else None
 
     def _first(self, picture: np.ndarray, region: Region) -> Sighting | None:
-        """The person in a region that was found: looked at twice, for such a region is a coarse one."""
+        """Look twice at the person in a region that was found, for such a region is a coarse one."""
         sighting = self._look(picture, region)
         return None if sighting is None else self._again(picture, sighting)
 
     def _again(self, picture: np.ndarray, last: Sighting) -> Sighting | None:
-        """The person near where the last picture showed them. Where the points have moved far, the square is turned
-        otherwise and looked at again, and the answer nearest to the last picture's is taken: a network may see a
-        leaning person the wrong way round, and then goes on to do so."""
+        """Find the person near where the last picture showed them.
+
+        Where the points have moved far, the square is turned otherwise and looked at again, and the answer nearest to
+        the last picture's is taken: a network may see a leaning person the wrong way round, and then goes on to do so.
+        """
         first = self._look(picture, last.region)
         if first is None or _change(first, last) + first.doubt < _MOVED:
             return first
@@ -143,8 +147,11 @@ class _Follower:
         return [one for one in answers if one is not None]
 
     def _checked(self, picture: np.ndarray, sighting: Sighting | None) -> Sighting | None:
-        """The person, now and then found anew: where that gives another answer, the one of several is taken that lies
-        nearest to the others, so that a mistake that was followed comes to an end."""
+        """Find the person anew now and then.
+
+        Where that gives another answer, the one of several is taken that lies nearest to the others, so that a mistake
+        that was followed comes to an end.
+        """
         self._since += 1
         if sighting is None or self._since < _CHECKED:
             return sighting

@@ -7,8 +7,10 @@ from ._weights import Weights
 
 
 def open_model(weights: Weights) -> PersonModel:
-    """Open the networks of a model, each family in its own way. Raises `InputError` where the runner is not installed
-    or weights are not those of such a network."""
+    """Open the networks of a model, each family in its own way.
+
+    Raises `InputError` where the runner is not installed or weights are not those of such a network.
+    """
     match weights.card.family:
         case "blazepose":
             title, content = weights.card.title, weights.networks

@@ -13,7 +13,7 @@ def without_outliers(
     sides: Float64[np.ndarray, " frame"],
     frames: Int64[np.ndarray, " frame"],
 ) -> Float64[np.ndarray, "frame point"]:
-    """The confidences of points over time, 0 for a point that for one picture is where it cannot be.
+    """Return the confidences of points over time, 0 for a point that for one picture is where it cannot be.
 
     It is one that lies farther from the mean of its neighbours in time than 6 % of the region's side (`sides`, pixels),
     than four times what is usual around, and than its neighbours lie from theirs; a jump that lasts is believed.

@@ -37,10 +37,12 @@ class PersonModel(Protocol):
     def find(
         self, picture: UInt8[np.ndarray, "height width 3"], part: Region | None = None, *, thorough: bool = True
     ) -> list[Region]:
-        """Everybody in a part of an RGB picture or in all of it, the most certain first; small people too where
-        `thorough`."""
+        """Find everybody in a part of an RGB picture or in all of it, the most certain first.
+
+        Small people too where `thorough`.
+        """
         ...
 
     def look(self, picture: UInt8[np.ndarray, "height width 3"], region: Region) -> Sighting:
-        """The person in a region of an RGB picture."""
+        """Look at the person in a region of an RGB picture."""
         ...

@@ -47,7 +47,7 @@ def read_video(file: Path, layout: LayoutName | None = None, size: Size | None =
 
 
 def people_at(file: Path, frame: int, layout: LayoutName | None, size: Size | None) -> People | None:
-    """The people of one frame of a whole video's file; None where the file does not speak of the frame."""
+    """Read the people of one frame of a whole video's file; None where the file does not speak of the frame."""
     people = _kept(file, file.stat().st_mtime_ns, layout, size).get(frame)
     return None if people is None else [points.copy() for points in people]
 
@@ -59,7 +59,7 @@ def best_person(people: People) -> Float64[np.ndarray, "25 3"] | None:
 
 @lru_cache(maxsize=16)
 def _kept(file: Path, changed: int, layout: LayoutName | None, size: Size | None) -> dict[int, People]:
-    """`changed` (nanoseconds) tells files written anew apart."""
+    """Read a whole video's file once; `changed` (nanoseconds) tells files written anew apart."""
     frames: dict[int, People] = {}
     for frame, people in _read(file, layout, size).items():
         if frame is None and people:
@@ -99,7 +99,10 @@ def _read(file: Path, layout: LayoutName | None, size: Size | None) -> dict[int 
 
 
 def _own_layout(file: Path, document: Any) -> LayoutName | None:
-    """What the file itself names, as `write_body_25` does; it counts before what `capture.toml` says of all files."""
+    """Read what layout the file itself names, as `write_body_25` does.
+
+    It counts before what `capture.toml` says of all files.
+    """
     named = document.get("keypoint_layout") if isinstance(document, dict) else None
     if named is not None and (not isinstance(named, str) or named not in LAYOUTS):
         raise InputError(f"keypoints {file}: keypoint_layout is {named!r}; expected one of {', '.join(LAYOUTS)}")
@@ -204,8 +207,11 @@ def _points(file: Path, numbers: Any, named: LayoutName | None) -> np.ndarray | 
 
 
 def _layout(file: Path, found: str, count: float, named: LayoutName | None) -> Layout:
-    """The layout of a person of `count` points. What `keypoint_layout` names counts where the number says nothing:
-    the points come first, and others of the program's own may follow."""
+    """Choose the layout of a person of `count` points.
+
+    What `keypoint_layout` names counts where the number says nothing: the points come first, and others of the
+    program's own may follow.
+    """
     told = next((layout for layout in LAYOUTS.values() if len(layout.points) == count), None)
     if named is None:
         if told is not None:

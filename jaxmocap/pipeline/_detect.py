@@ -208,7 +208,7 @@ def _follow(
 
 
 def _with_cameras(path: str | Path, opened: Capture, say: Say) -> Capture:
-    """The capture with cameras, where it has any that can be read."""
+    """Open the capture with cameras, where it has any that can be read."""
     try:
         return Capture.open(config_path(path)).as_recorded()
     except InputError as error:
@@ -249,7 +249,10 @@ class _Store:
 
     @staticmethod
     def open(file: Path, replace: bool) -> "_Store":
-        """Raises `InputError` if `capture.toml` names other keypoints, unless `replace`, or cannot be written."""
+        """Open the store of a capture.
+
+        Raises `InputError` if `capture.toml` names other keypoints, unless `replace`, or cannot be written.
+        """
         record = _read_record(file.parent / DETECTION_REPORT)
         named = Capture.open(file, with_cameras=False).keypoints_folder
         ours = file.parent / record["folder"] if record else None
@@ -264,7 +267,7 @@ class _Store:
         return _Store(file, folder, replace, record or {"folder": folder.name, "cameras": {}})
 
     def has(self, name: str, inputs: dict[str, Any], model: ModelName | None, frames: np.ndarray) -> bool:
-        """Whether the person has been looked for in all these frames."""
+        """Tell whether the person has been looked for in all these frames."""
         if (known := self._known(name, inputs)) is None or model not in (None, known["model"]["name"]):
             return False
         return set(frames) <= set(read_person(self._path(name)).frames)
@@ -280,13 +283,13 @@ class _Store:
         self._write_record()
 
     def _known(self, name: str, inputs: dict[str, Any]) -> dict[str, Any] | None:
-        """What the record says of a camera, if it was looked for the same person in the same video."""
+        """Return what the record says of a camera, if it was looked for the same person in the same video."""
         known = self.record["cameras"].get(name)
         same = known is not None and all(known.get(key) == value for key, value in inputs.items())
         return known if same and not self.anew and self._path(name).is_file() else None
 
     def people(self, names: Sequence[str]) -> dict[str, FollowedPerson]:
-        """Everybody who has a file."""
+        """Read everybody who has a file."""
         kept = [name for name in names if name in self.record["cameras"] and self._path(name).is_file()]
         return {name: read_person(self._path(name)) for name in kept}
 
@@ -315,7 +318,7 @@ class _Store:
 
 
 def _read_record(file: Path) -> dict[str, Any]:
-    """The record of an earlier run; empty without one that can be read."""
+    """Read the record of an earlier run; empty without one that can be read."""
     try:
         record = json.loads(file.read_text(encoding="utf-8"))
         return record if isinstance(record["folder"], str) and isinstance(record["cameras"], dict) else {}

@@ -101,7 +101,7 @@ def doctor(*, test: bool = True) -> Diagnosis:
 
 
 def cache_state() -> dict[str, Any]:
-    """Where compiled programs are kept: folder, files, megabytes, and whether it can be written to."""
+    """Describe where compiled programs are kept: folder, files, megabytes, and whether it can be written to."""
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if folder is None:
         return {"folder": None, "files": 0, "megabytes": 0.0, "writable": False}
@@ -140,7 +140,7 @@ def _missing(found: dict[str, str]) -> list[str]:
 
 
 def _unmet(found: dict[str, str]) -> list[str]:
-    """Packages whose version jaxmocap was not made for."""
+    """List packages whose version jaxmocap was not made for."""
     try:
         from packaging.requirements import Requirement
 
@@ -163,7 +163,7 @@ def _version(package: str) -> str | None:
 
 
 def _memory() -> float | None:
-    """The machine's memory, gigabytes."""
+    """Measure the machine's memory, gigabytes."""
     try:
         return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1)
     except (AttributeError, ValueError, OSError):
@@ -171,7 +171,7 @@ def _memory() -> float | None:
 
 
 def _existing(path: Path) -> Path:
-    """The path or the nearest folder above it that exists."""
+    """Return the path or the nearest folder above it that exists."""
     while not path.exists() and path != path.parent:
         path = path.parent
     return path

@@ -74,7 +74,7 @@ def fit_capture_appearance(
     masks: dict[int, list[Bool[np.ndarray, "height width"] | None]] | None = None,
     settings: AppearanceSettings | None = None,
 ) -> Appearance:
-    """Appearance models (Eq. 3) of a capture from its registered selected frames.
+    """Fit appearance models (Eq. 3) of a capture to its registered selected frames.
 
     `key_poses` maps each selected frame to its registered pose. Masks are the capture's; where it has none, the
     rendered silhouette takes its place.

@@ -46,8 +46,10 @@ Report = Callable[[str, int, int], None]
 def open_character(
     capture: Capture, actor: str | Path | None = None, say: Callable[[str], None] | None = None
 ) -> Character:
-    """The character in the file `actor`, or else the capture's; a bare mesh is rigged, and `say` told so. Raises
-    `InputError` when there is neither."""
+    """Open the character in the file `actor`, or else the capture's; a bare mesh is rigged, and `say` told so.
+
+    Raises `InputError` when there is neither.
+    """
     if actor is not None:
         return open_actor(actor, say)
     if capture.actor is None:
@@ -59,7 +61,7 @@ def open_character(
 
 
 def registration_record(registrations: dict[int, Registration], character: Character, masks: MaskRecord) -> dict:
-    """What `registration.json` holds: per selected frame the fit, the masks and the pose, metres and degrees."""
+    """Record what `registration.json` holds: per selected frame the fit, the masks, the pose, metres and degrees."""
     from jaxmocap.character import pose_vector
 
     record = {}
@@ -242,7 +244,7 @@ def track_capture(
 
 
 def _finished_motion(out: Path, inputs: dict[str, Any]) -> Motion:
-    """The result in a folder, if it was made of these inputs."""
+    """Load the result in a folder, if it was made of these inputs."""
     motion = Motion.load(out)
     others = different(motion.provenance.get("inputs", {}), inputs)
     if others:

@@ -34,7 +34,7 @@ class Estimate:
     detail: Mapping[str, Any] = field(default_factory=dict)
 
     def at(self, when: float) -> float:
-        """The offset at another time of the second video, seconds."""
+        """Compute the offset at another time of the second video, seconds."""
         return self.offset + (self.drift or 0.0) * (when - self.when)
 
 
@@ -65,14 +65,16 @@ class Pair:
 
 
 def apart(one: Estimate, other: Estimate) -> float:
-    """Seconds between two estimates, at a time for which both hold."""
+    """Measure the seconds between two estimates, at a time for which both hold."""
     when = other.when if one.drift is not None else one.when
     return abs(one.at(when) - other.at(when))
 
 
 def agreeing(estimates: Mapping[MethodName, Estimate], tolerance: float) -> list[Estimate]:
-    """The largest group of estimates of which any two are within `tolerance` seconds, the one to use first; of groups
-    of one size the one whose first is believed most, unsure ones last. Empty if there is no estimate."""
+    """Find the largest group of estimates of which any two are within `tolerance` seconds, the one to use first.
+
+    Of groups of one size it is the one whose first is believed most, unsure ones last. Empty if there is no estimate.
+    """
     ordered = [estimates[method] for method in METHODS if method in estimates]
     ordered.sort(key=lambda one: one.confidence < SURE)
     for size in range(len(ordered), 0, -1):
@@ -90,7 +92,7 @@ def choose(
     tolerance: float,
     frame: float,
 ) -> Pair:
-    """The pair with its chosen estimate. `frame` is the time between frames, seconds, in which notes speak.
+    """Choose the estimate of a pair. `frame` is the time between frames, seconds, in which notes speak.
 
     Where sound knows how the clocks drift and agrees, an estimate that holds at one moment (a flash) is moved to the
     middle of the span that both videos share.
@@ -124,8 +126,9 @@ def choose(
 def solve_offsets(
     pairs: Sequence[Pair], names: Sequence[str], tolerance: float, frame: float
 ) -> tuple[list[float], list[str]]:
-    """Offsets in seconds, 0 for the first camera, along the surest pairs; and a sentence for each that is tied weakly
-    and for each pair that does not close within `tolerance`.
+    """Solve for offsets in seconds, 0 for the first camera, along the surest pairs.
+
+    Returns with them a sentence for each that is tied weakly and for each pair that does not close within `tolerance`.
 
     Raises `InputError` naming a camera that no pair ties to the first.
     """
@@ -161,7 +164,7 @@ def _chosen(pair: Pair) -> Estimate:
 
 
 def _certainty(pair: Pair) -> tuple[bool, bool, int, float]:
-    """Confirmed by another method first, then by how much the method is believed, then by its confidence."""
+    """Rank a pair: confirmed by another method first, then by belief in the method, then by confidence."""
     chosen = _chosen(pair)
     return pair.confirmed, chosen.confidence >= SURE, -METHODS.index(chosen.method), chosen.confidence
 

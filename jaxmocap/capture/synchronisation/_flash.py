@@ -48,7 +48,7 @@ class Brightness:
         return None
 
     def jumps(self) -> Float[np.ndarray, " frame"]:
-        """Share of the cells that are suddenly brighter than in the frames before; the unsaturated ones count."""
+        """Measure the share of cells suddenly brighter than in the frames before; the unsaturated ones count."""
         padded = np.concatenate([np.repeat(self.cells[:1], _BEFORE, axis=0), self.cells[:-1]])
         before = np.median(np.lib.stride_tricks.sliding_window_view(padded, _BEFORE, axis=0), axis=-1)
         noise = 1.4826 * np.median(np.abs(np.diff(self.cells, axis=0)), axis=0)
@@ -91,8 +91,10 @@ class Flash:
 
 
 def find_flashes(brightness: Brightness) -> list[Flash]:
-    """Every moment at which more than half of the picture is suddenly brighter, in order of time. One that
-    may have begun in the first frame, or before it, is left out."""
+    """Find every moment at which more than half of the picture is suddenly brighter, in order of time.
+
+    One that may have begun in the first frame, or before it, is left out.
+    """
     jumps = brightness.jumps()
     found: list[Flash] = []
     last = -_APART
@@ -126,7 +128,7 @@ def _first_lit_line(
     picture: UInt8[np.ndarray, "height width 3"],
     around: Sequence[UInt8[np.ndarray, "height width 3"]],
 ) -> float:
-    """The share of the lines of `picture` read before the light came, 1 if none is lit.
+    """Measure the share of the lines of `picture` read before the light came, 1 if none is lit.
 
     The lines may run along rows or columns, from either side: videos are turned. The light of a line is compared with
     the most it gets in the pictures `around`, so that dark things do not look unlit.
@@ -154,7 +156,7 @@ def _fit_step(lit: Float[np.ndarray, " line"], weight: Float[np.ndarray, " line"
 def compare_flashes(
     first: Brightness, second: Brightness, of_first: Sequence[Flash], of_second: Sequence[Flash]
 ) -> Estimate:
-    """The offset at which most flashes of two videos coincide within half a frame.
+    """Find the offset at which most flashes of two videos coincide within half a frame.
 
     The confidence is the share of the picture that the flash lights, times the lead over any other offset. Raises
     `Undecided` without a flash in both videos, or if several offsets do equally well.

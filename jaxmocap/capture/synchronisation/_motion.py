@@ -47,8 +47,10 @@ class MotionCurve:
 def measure_motion(
     index: VideoIndex, flashes: Collection[int] = (), progress: Callable[[float], None] | None = None
 ) -> MotionCurve:
-    """Decode a video once. Optical flow (DIS) between small frames, less the affine motion that most of the picture
-    follows. Around frames in which a flash begins, whose flow means nothing, the curve is interpolated.
+    """Decode a video once.
+
+    Optical flow (DIS) between small frames, less the affine motion that most of the picture follows. Around frames in
+    which a flash begins, whose flow means nothing, the curve is interpolated.
 
     `progress` is told the seconds done. Raises `InputError` where the video cannot be decoded.
     """
@@ -98,7 +100,7 @@ def _without_camera(flow: Float32[np.ndarray, "height width 2"]) -> Float64[np.n
 
 
 def compare_motions(first: MotionCurve, second: MotionCurve) -> Estimate:
-    """The offset of the highest correlation of two motion curves, by a parabola through it and its neighbours.
+    """Find where two motion curves correlate most: the offset, by a parabola through the peak and its neighbours.
 
     The confidence is 1 less the probability that unrelated curves of the same smoothness are as alike at any offset
     (Bartlett's variance of a correlation). Raises `Undecided` if that is above 0.01.
@@ -161,7 +163,7 @@ def _correlation(a: Float64[np.ndarray, " of_a"], b: Float64[np.ndarray, " of_b"
 
 
 def _memory(a: Float64[np.ndarray, " of_a"], b: Float64[np.ndarray, " of_b"]) -> float:
-    """Samples that count as one in a correlation of `a` and `b` (Bartlett): 1 + 2 sum of their autocorrelations."""
+    """Count the samples that make one in a correlation of `a` and `b`: 1 + 2 sum of autocorrelations (Bartlett)."""
     of_both = [_correlation(x, x)[len(x) :][: min(len(a), len(b)) // 2] for x in (a, b)]
     n = min(len(one) for one in of_both)
     taper = 1 - np.arange(1, n + 1) / min(len(a), len(b))

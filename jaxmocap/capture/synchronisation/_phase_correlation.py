@@ -16,7 +16,7 @@ _HEARD_FOR_REPEATS = 60.0  # seconds
 
 
 def fast_length(least: int) -> int:
-    """A length of at least `least` with small prime factors only."""
+    """Find a length of at least `least` with small prime factors only."""
     length: int = next_fast_len(least, real=True)  # pyright: ignore[reportAssignmentType]
     return length
 
@@ -29,7 +29,7 @@ def _inside_band(size: int) -> Bool[np.ndarray, " frequency"]:
 def phase_correlation(
     a: Float32[np.ndarray, " of_a"], b: Float32[np.ndarray, " of_b"]
 ) -> Float32[np.ndarray, " circular_lag"]:
-    """Correlation of whitened spectra within the band; circular: the lag k of `a` behind `b` is at index k."""
+    """Correlate whitened spectra within the band; circular: the lag k of `a` behind `b` is at index k."""
     size = fast_length(len(a) + len(b))
     cross = np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size))
     inside, strength = _inside_band(size), np.abs(cross)
@@ -40,7 +40,7 @@ def phase_correlation(
 def match_anywhere(
     a: Float32[np.ndarray, " of_a"], b: Float32[np.ndarray, " of_b"], lags: Int64[np.ndarray, " lag"]
 ) -> Float64[np.ndarray, " lag"]:
-    """How well `b` fits into `a` at each lag: power of the correlation, summed over windows of `b`.
+    """Measure how well `b` fits into `a` at each lag: power of the correlation, summed over windows of `b`.
 
     A window is so short that the drift of clocks does not blur it; over all of them a peak is as wide as the drift.
     """
@@ -58,13 +58,15 @@ def match_anywhere(
 
 
 def smear(of_a: int, of_b: int) -> int:
-    """Samples by which the drift of clocks may move a lag within tracks of these lengths."""
+    """Count the samples by which the drift of clocks may move a lag within tracks of these lengths."""
     return 1 + 2 * int(FASTEST_DRIFT * min(of_a, of_b))
 
 
 def repetition(samples: Float32[np.ndarray, " sample"], guard: float) -> tuple[float, float]:
-    """How much a track is like itself at another time, more than `guard` seconds later: the highest normalised
-    correlation within the band, and the time in seconds."""
+    """Measure how much a track is like itself at another time, more than `guard` seconds later.
+
+    Returns the highest normalised correlation within the band, and the time in seconds.
+    """
     heard = samples[: int(_HEARD_FOR_REPEATS * RATE)]
     size = fast_length(2 * len(heard))
     spectrum = np.fft.rfft(heard, size) * _inside_band(size)

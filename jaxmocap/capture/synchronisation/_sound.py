@@ -45,7 +45,7 @@ class Sound:
 
 
 def read_sound(index: VideoIndex) -> Sound:
-    """The first sound track of a video, at most half an hour of it. Gaps between its timestamps are filled by silence.
+    """Read the first sound track of a video, at most half an hour; gaps between its timestamps become silence.
 
     Raises `Undecided` if there is none, none that can be heard, or none that can be decoded.
     """
@@ -95,7 +95,7 @@ def _join(pieces: list[tuple[float, np.ndarray]]) -> Float32[np.ndarray, " sampl
 
 
 def compare_sounds(first: Sound, second: Sound) -> Estimate:
-    """The delay between two tracks, and over long clips the drift of their clocks.
+    """Measure the delay between two tracks, and over long clips the drift of their clocks.
 
     Where 20 s or more are shared, a line is laid through the delays of windows along the clip; its slope, the drift,
     is the median of slopes (Theil and Sen). The confidence is the sharpness, 1 less the height of the next best peak
@@ -166,8 +166,11 @@ class _Line:
 def _fit_line(
     a: Float32[np.ndarray, " of_a"], b: Float32[np.ndarray, " of_b"], lag: int, begin: int, end: int
 ) -> tuple[_Line, int]:
-    """The line through the delays of windows from `begin` to `end` of `b`, and the number of windows. Its slope is
-    known where enough windows of a long span have a clear peak near `lag`; else its height is that of all at once."""
+    """Fit the line through the delays of windows from `begin` to `end` of `b`; count the windows.
+
+    Its slope is known where enough windows of a long span have a clear peak near `lag`; else its height is that of all
+    at once.
+    """
     count = int(np.clip((end - begin) / (_WINDOW * RATE), _FEWEST_WINDOWS, _MOST_WINDOWS))
     times, delays = [], []
     for left, right in pairwise(np.linspace(begin, end, count + 1).astype(int)):
@@ -189,7 +192,7 @@ def _fit_line(
 def _peak_near(
     a: Float32[np.ndarray, " of_a"], b: Float32[np.ndarray, " of_b"], lag: int, left: int, right: int
 ) -> tuple[int, bool]:
-    """The lag at which samples `left` to `right` of `b` fit best, near `lag`, and whether it stands out."""
+    """Find the lag near `lag` at which samples `left` to `right` of `b` fit best, and whether it stands out."""
     reach = smear(len(a), len(b)) + int(0.02 * RATE)
     around = np.arange(lag - reach, lag + reach + 1)
     start = max(left + lag - reach, 0)

@@ -35,7 +35,7 @@ class Evidence:
         self._kept: dict[tuple[str, int], Any] = {}
 
     def estimate(self, method: MethodName, first: int, second: int) -> Estimate:
-        """What one method says about two videos."""
+        """Ask one method about two videos."""
         if method == "sound":
             return compare_sounds(*self._both(self.sound, first, second))
         one, other = self._both(self.brightness, first, second)
@@ -73,7 +73,7 @@ class Evidence:
         return self._once("motion", camera, measure)
 
     def _frames(self, camera: int) -> tuple[int, int]:
-        """The first frame that counts, and the one behind the last."""
+        """Return the first frame that counts, and the one behind the last."""
         count = self.videos[camera].num_frames
         return self._span[0], count if self._span[1] is None else min(self._span[1], count)
 
@@ -136,7 +136,7 @@ class Synchronisation:
     notes: tuple[str, ...]
 
     def record(self) -> dict[str, Any]:
-        """All of it as `sync.json` holds it."""
+        """Return all of it as `sync.json` holds it."""
         return {
             "method": self.method,
             "cameras": {
@@ -207,7 +207,7 @@ def synchronise(
 def _ask(
     evidence: Evidence, first: int, second: int, method: SyncMethod, tolerance: float
 ) -> tuple[dict[MethodName, Estimate], dict[MethodName, str]]:
-    """What the methods wanted say about two videos, and why the others do not."""
+    """Ask the methods wanted about two videos: what they say, and why the others do not."""
     estimates: dict[MethodName, Estimate] = {}
     reasons: dict[MethodName, str] = {}
     few = sum(video.num_frames for video in evidence.videos) <= _FEW_FRAMES
