@@ -48,8 +48,9 @@ class KeypointEditor:
     keypoints; without one, the first change makes it and names it in `capture.toml`. A file of that name which was not
     made here is kept beside it, with `.detected` behind its name. A file holds the person that was edited, alone.
 
-    capture: the capture, opened.
-    file: its `capture.toml`.
+    Attributes:
+        capture: the capture, opened.
+        file: its `capture.toml`.
     """
 
     capture: Capture

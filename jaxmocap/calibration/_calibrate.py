@@ -35,12 +35,13 @@ _LARGEST_SHARE = 0.2  # of the shared frames that may be filled in
 class Calibration:
     """Calibrated cameras over a capture's shared frames, in metres, and how they were found.
 
-    cameras: over the shared frames, metres
-    record: what `calibration.json` holds
-    poses: what `uncertainty.json` holds
-    picture: of the cameras' paths, RGB
-    files: the COLMAP model in the capture's units and axes, by file name
-    folder: where they lie, once written; None before
+    Attributes:
+        cameras: over the shared frames, metres.
+        record: what `calibration.json` holds.
+        poses: what `uncertainty.json` holds.
+        picture: of the cameras' paths, RGB.
+        files: the COLMAP model in the capture's units and axes, by file name.
+        folder: where they lie, once written; None before.
     """
 
     cameras: Cameras

@@ -79,15 +79,16 @@ def _ending(code: int) -> str:
 class Solved:
     """The worker's result in the model's units and axes.
 
-    sizes: of the cameras' pictures, pixels
-    video_frames: the frame of its own video by camera and shared frame
-    places: camera and frame of its own video; other arrays by place are in this order
-    poses: cam_from_world by place
-    intrinsics: of each camera, pixels
-    distortion: of each camera, OpenCV's k1 k2 p1 p2 k3
-    points: of the background
-    distance: to the scene
-    tables: the other arrays of `result.npz`, by name
+    Attributes:
+        sizes: of the cameras' pictures, pixels.
+        video_frames: the frame of its own video by camera and shared frame.
+        places: camera and frame of its own video; other arrays by place are in this order.
+        poses: cam_from_world by place.
+        intrinsics: of each camera, pixels.
+        distortion: of each camera, OpenCV's k1 k2 p1 p2 k3.
+        points: of the background.
+        distance: to the scene.
+        tables: the other arrays of `result.npz`, by name.
     """
 
     sizes: tuple[tuple[int, int], ...]

@@ -22,8 +22,9 @@ _BOX_GROWTH = 0.02  # of the box's size per frame between
 class Features(NamedTuple):
     """Features of one frame.
 
-    points: in pixels, the centre of the first pixel at (0.5, 0.5)
-    descriptors: square roots of SIFT's, times 512 (Arandjelovic and Zisserman, CVPR 2012)
+    Attributes:
+        points: in pixels, the centre of the first pixel at (0.5, 0.5).
+        descriptors: square roots of SIFT's, times 512 (Arandjelovic and Zisserman, CVPR 2012).
     """
 
     points: Float32[np.ndarray, "feature 2"]

@@ -34,16 +34,17 @@ _NUMBER = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(?:mm)?\s*$")
 class VideoFootage:
     """One camera's video.
 
-    name: of the camera
-    path: of the video file
-    size: width and height of the recorded pictures, pixels
-    first: the first frame that is calibrated
-    last: the last one, included
-    focal: length, pixels; a first guess unless `focal_known`
-    focal_known: whether `focal` is exact, and kept
-    focal_told: whether it is from the video's metadata
-    boxes: around the person, by frame, where keypoints tell
-    masks: files with masks of the person, by frame, where there are any
+    Attributes:
+        name: of the camera.
+        path: of the video file.
+        size: width and height of the recorded pictures, pixels.
+        first: the first frame that is calibrated.
+        last: the last one, included.
+        focal: length, pixels; a first guess unless `focal_known`.
+        focal_known: whether `focal` is exact, and kept.
+        focal_told: whether it is from the video's metadata.
+        boxes: around the person, by frame, where keypoints tell.
+        masks: files with masks of the person, by frame, where there are any.
     """
 
     name: str
@@ -70,12 +71,13 @@ class VideoFootage:
 class Footage:
     """All videos of a capture.
 
-    videos: one per camera
-    lags: the frame of each video that was filmed together with frame 0 of the first
-    key_step: frames from one key frame to the next; 5
-    num_features: looked for in a frame, at most; 4000
-    threads: of the mapper and the bundle adjustment; 2
-    seed: of all random numbers; 0
+    Attributes:
+        videos: one per camera.
+        lags: the frame of each video that was filmed together with frame 0 of the first.
+        key_step: frames from one key frame to the next; 5 by default.
+        num_features: looked for in a frame, at most; 4000 by default.
+        threads: of the mapper and the bundle adjustment; 2 by default.
+        seed: of all random numbers; 0 by default.
     """
 
     videos: tuple[VideoFootage, ...]

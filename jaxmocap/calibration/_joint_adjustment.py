@@ -21,14 +21,15 @@ _ENOUGH = 0.05  # decrease of the cost, which is in squared standard deviations
 class JointPriors(NamedTuple):
     """Standard deviations of what is believed beforehand; zero holds what it is about.
 
-    turn: of a camera from where it was, radians; 1 degree
-    shift: of a camera from where it was, metres; 0.05
-    turn_between: of one knot from the next, radians; 0.2 degrees
-    shift_between: of one knot from the next, metres; 0.01
-    apart: time between knots, seconds, no deviation; 1/3
-    focal: of a focal length, relative; 0.005
-    late: of a clock, seconds; 0.05, some two frames
-    body: of a body point from its tracked place, metres; 0.1
+    Attributes:
+        turn: of a camera from where it was, radians; 1 degree.
+        shift: of a camera from where it was, metres; 0.05.
+        turn_between: of one knot from the next, radians; 0.2 degrees.
+        shift_between: of one knot from the next, metres; 0.01.
+        apart: time between knots, seconds, no deviation; 1/3.
+        focal: of a focal length, relative; 0.005.
+        late: of a clock, seconds; 0.05, some two frames.
+        body: of a body point from its tracked place, metres; 0.1.
     """
 
     turn: float = float(np.radians(1.0))
@@ -44,10 +45,11 @@ class JointPriors(NamedTuple):
 class Adjusted(NamedTuple):
     """What the adjustment found.
 
-    knots: of the corrections of the paths
-    state: the unknowns
-    deviation: their standard deviations
-    cost: before and after, squared standard deviations
+    Attributes:
+        knots: of the corrections of the paths.
+        state: the unknowns.
+        deviation: their standard deviations.
+        cost: before and after, squared standard deviations.
     """
 
     knots: Knots

@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 class Knots(NamedTuple):
     """Knots in time of slow corrections of the cameras' paths: small twists, with straight lines between them.
 
-    count: of the knots of all cameras
-    pairs: the two knots that each pose lies between
-    share: of the second of them, from 0 to 1
-    neighbours: pairs of knots of one camera that follow each other
+    Attributes:
+        count: of the knots of all cameras.
+        pairs: the two knots that each pose lies between.
+        share: of the second of them, from 0 to 1.
+        neighbours: pairs of knots of one camera that follow each other.
     """
 
     count: int
@@ -57,11 +58,12 @@ def moved(cam_from_world: Float[np.ndarray, "pose 4 4"], twist: Float[np.ndarray
 class Body(NamedTuple):
     """Points of the body on their tracked paths.
 
-    path: gives all places (track, 3), metres, at a time of the common clock
-    start: of the paths, seconds
-    stop: of the paths, seconds
-    track: the path that each point lies on
-    seconds: when it stood there
+    Attributes:
+        path: gives all places (track, 3), metres, at a time of the common clock.
+        start: of the paths, seconds.
+        stop: of the paths, seconds.
+        track: the path that each point lies on.
+        seconds: when it stood there.
     """
 
     path: CubicSpline
@@ -81,17 +83,18 @@ class Body(NamedTuple):
 class JointScene(NamedTuple):
     """Poses, lenses, points of the background and of the body, and what was seen of them.
 
-    cam_from_world: poses, metres
-    camera: that each pose is of
-    seconds: of each pose on the common clock, as far as `offset` in `capture.toml` is known
-    focal: lengths along x and y, pixels
-    centre: principal points, pixels
-    points: metres; the first `num_body` are the body's, the others stand still
-    body: how the body's points move
-    pose_of: the pose that makes each sighting
-    point_of: the point it is of
-    pixels: the lenses' distortion taken out
-    sigma: standard deviation of `pixels`
+    Attributes:
+        cam_from_world: poses, metres.
+        camera: that each pose is of.
+        seconds: of each pose on the common clock, as far as `offset` in `capture.toml` is known.
+        focal: lengths along x and y, pixels.
+        centre: principal points, pixels.
+        points: metres; the first `num_body` are the body's, the others stand still.
+        body: how the body's points move.
+        pose_of: the pose that makes each sighting.
+        point_of: the point it is of.
+        pixels: the lenses' distortion taken out.
+        sigma: standard deviation of `pixels`.
     """
 
     cam_from_world: Float[np.ndarray, "pose 4 4"]
@@ -114,10 +117,11 @@ class JointScene(NamedTuple):
 class JointState(NamedTuple):
     """The unknowns.
 
-    twists: at the knots, radians and metres
-    log_focal: logarithms of the focal lengths' factors
-    late: later starts of the cameras' clocks, seconds; added to the scene's `seconds`
-    points: metres
+    Attributes:
+        twists: at the knots, radians and metres.
+        log_focal: logarithms of the focal lengths' factors.
+        late: later starts of the cameras' clocks, seconds; added to the scene's `seconds`.
+        points: metres.
     """
 
     twists: Float[np.ndarray, "knot 6"]
@@ -129,10 +133,11 @@ class JointState(NamedTuple):
 class Prediction(NamedTuple):
     """What each sighting should show, and what its derivatives are made of.
 
-    pixels: where the point should be seen
-    inside: its place in the camera's axes, metres
-    rotation: of the camera
-    velocity: of the point, metres a second; zero but for the body
+    Attributes:
+        pixels: where the point should be seen.
+        inside: its place in the camera's axes, metres.
+        rotation: of the camera.
+        velocity: of the point, metres a second; zero but for the body.
     """
 
     pixels: Float[np.ndarray, "sighting 2"]

@@ -17,9 +17,9 @@ class Rig(NamedTuple):
     """Static cameras.
 
     Attributes:
-        cam_from_world: poses
-        focal: lengths, pixels
-        late: of the clocks against the first camera's, seconds; added to the known times
+        cam_from_world: poses.
+        focal: lengths, pixels.
+        late: of the clocks against the first camera's, seconds; added to the known times.
     """
 
     cam_from_world: Float[np.ndarray, "camera 4 4"]
@@ -31,11 +31,11 @@ class Beliefs(NamedTuple):
     """What is known beforehand, with standard deviations; 0 holds what it is about.
 
     Attributes:
-        focal: lengths, pixels
-        focal_deviation: relative, of each
-        alike: of the ratio of two cameras' focal lengths over their guesses, relative
-        late: of a clock, seconds
-        bones: metres and relative deviation, by name
+        focal: lengths, pixels.
+        focal_deviation: relative, of each.
+        alike: of the ratio of two cameras' focal lengths over their guesses, relative.
+        late: of a clock, seconds.
+        bones: metres and relative deviation, by name.
     """
 
     focal: Float[np.ndarray, " camera"]
@@ -49,8 +49,8 @@ class Noise(NamedTuple):
     """How exact keypoints are.
 
     Attributes:
-        sigma: standard deviation by camera, pixels
-        weight: of a frame, below 1 where keypoints of neighbouring frames err alike
+        sigma: standard deviation by camera, pixels.
+        weight: of a frame, below 1 where keypoints of neighbouring frames err alike.
     """
 
     sigma: Float[np.ndarray, " camera"]
@@ -61,10 +61,10 @@ class PersonFit(NamedTuple):
     """What the adjustment found.
 
     Attributes:
-        rig: the cameras
-        points: the joints, NaN where fewer than two cameras see one
-        cost: squared standard deviations
-        covariance: of turn and shift of each camera but the first
+        rig: the cameras.
+        points: the joints, NaN where fewer than two cameras see one.
+        cost: squared standard deviations.
+        covariance: of turn and shift of each camera but the first.
     """
 
     rig: Rig

@@ -23,10 +23,10 @@ class Bone(NamedTuple):
     """A length that is the same at all frames, and on both sides.
 
     Attributes:
-        ends: pairs of joints of this length
-        spread: of what a detector makes of it from frame to frame, relative
-        part: of the person's height, in the mean; None where detectors differ
-        deviation: of `part`, relative: people differ, and where detectors see the joints
+        ends: pairs of joints of this length.
+        spread: of what a detector makes of it from frame to frame, relative.
+        part: of the person's height, in the mean; None where detectors differ.
+        deviation: of `part`, relative: people differ, and where detectors see the joints.
     """
 
     ends: tuple[tuple[str, str], ...]
@@ -53,10 +53,10 @@ class Keypoints(NamedTuple):
     """A person's joints (`JOINTS`) in all cameras over the shared frames.
 
     Attributes:
-        pixels: lenses' distortion taken out; those that were not seen are 0
-        seen: whether the detector is sure of them
-        seconds: of each camera's frames on the common clock, as far as the offsets are known
-        velocity: pixels a second; 0 where it is not known
+        pixels: lenses' distortion taken out; those that were not seen are 0.
+        seen: whether the detector is sure of them.
+        seconds: of each camera's frames on the common clock, as far as the offsets are known.
+        velocity: pixels a second; 0 where it is not known.
     """
 
     pixels: Float[np.ndarray, "camera frame joint 2"]

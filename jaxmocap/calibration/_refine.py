@@ -32,13 +32,14 @@ _MAD_TO_SIGMA = 1.4826
 class RefinedCameras:
     """Refined cameras and offsets, and how they were found.
 
-    cameras: over the capture's shared frames, metres
-    offsets: what `capture.toml` should say, one per camera, seconds
-    record: what `refinement.json` holds
-    names: of the images of the model on disk; none where only the offsets were refined
-    poses: cam_from_world of these images, metres
-    focal_factors: of the model's focal lengths
-    folder: where the refined model lies, once written; None before
+    Attributes:
+        cameras: over the capture's shared frames, metres.
+        offsets: what `capture.toml` should say, one per camera, seconds.
+        record: what `refinement.json` holds.
+        names: of the images of the model on disk; none where only the offsets were refined.
+        poses: cam_from_world of these images, metres.
+        focal_factors: of the model's focal lengths.
+        folder: where the refined model lies, once written; None before.
     """
 
     cameras: Cameras

@@ -21,10 +21,11 @@ _GUIDED_REACH = 12.0  # pixels at a width of 960
 class Sightings:
     """The points of the model that a frame may see, some of them false.
 
-    pixels: where they are seen
-    points: their ids in the model
-    slots: their rows in `keypoints`
-    keypoints: those that the frame's image has, or will have: COLMAP lets an image have them once
+    Attributes:
+        pixels: where they are seen.
+        points: their ids in the model.
+        slots: their rows in `keypoints`.
+        keypoints: those that the frame's image has, or will have: COLMAP lets an image have them once.
     """
 
     pixels: Float[np.ndarray, "sighting 2"]
@@ -37,8 +38,9 @@ class Sightings:
 class PlacedFrame:
     """A frame that was placed.
 
-    cam_from_world: its pose
-    sightings: those that agree with the pose
+    Attributes:
+        cam_from_world: its pose.
+        sightings: those that agree with the pose.
     """
 
     cam_from_world: pycolmap.Rigid3d
@@ -49,10 +51,11 @@ class PlacedFrame:
 class Model:
     """A reconstruction that frames are added to.
 
-    footage: what it is made of
-    reconstruction: COLMAP's; lens i + 1 is that of camera i
-    features: those of the key frames
-    images: ids of the images by camera and frame; filled in from `reconstruction`
+    Attributes:
+        footage: what it is made of.
+        reconstruction: COLMAP's; lens i + 1 is that of camera i.
+        features: those of the key frames.
+        images: ids of the images by camera and frame; filled in from `reconstruction`.
     """
 
     footage: Footage

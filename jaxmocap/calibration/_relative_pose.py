@@ -20,8 +20,8 @@ class RelativePose(NamedTuple):
     """Where a second camera stands, seen from a first one.
 
     Attributes:
-        pose: second_from_first, the baseline of length 1
-        cost: robust sum of squared epipolar distances, in standard deviations
+        pose: second_from_first, the baseline of length 1.
+        cost: robust sum of squared epipolar distances, in standard deviations.
     """
 
     pose: Float[np.ndarray, "4 4"]

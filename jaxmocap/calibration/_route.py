@@ -21,12 +21,12 @@ class Route:
     """How cameras are found.
 
     Attributes:
-        footage: what is calibrated
-        static: whether by the person
-        still: names of cameras that stand still
-        moving: names of cameras that move
-        matrices: what is known of the lenses beforehand, pixels
-        distortion: likewise, OpenCV's k1 k2 p1 p2 k3
+        footage: what is calibrated.
+        static: whether by the person.
+        still: names of cameras that stand still.
+        moving: names of cameras that move.
+        matrices: what is known of the lenses beforehand, pixels.
+        distortion: likewise, OpenCV's k1 k2 p1 p2 k3.
     """
 
     footage: Footage

@@ -40,9 +40,10 @@ _HEIGHT_DEVIATION = 0.04  # limbs of people of one height differ by this
 class SubjectView(NamedTuple):
     """What the cameras see of the person at one instant.
 
-    intrinsics: of the cameras
-    cam_from_world: their poses
-    keypoints: BODY_25 as x, y, confidence; pixels, the lenses' distortion taken out
+    Attributes:
+        intrinsics: of the cameras.
+        cam_from_world: their poses.
+        keypoints: BODY_25 as x, y, confidence; pixels, the lenses' distortion taken out.
     """
 
     intrinsics: Float[np.ndarray, "camera 3 3"]
@@ -60,11 +61,12 @@ def confident(keypoints: Float[np.ndarray, "camera 25 3"], lengths: Mapping[str,
 class Scale(NamedTuple):
     """The model's scale.
 
-    metres_per_unit: of the model
-    deviation: its standard deviation, relative
-    source: what it is from
-    num_bones: that were measured; 0 where it is not from bones
-    num_frames: in which they were
+    Attributes:
+        metres_per_unit: of the model.
+        deviation: its standard deviation, relative.
+        source: what it is from.
+        num_bones: that were measured; 0 where it is not from bones.
+        num_frames: in which they were.
     """
 
     metres_per_unit: float

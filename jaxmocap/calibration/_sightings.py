@@ -31,14 +31,15 @@ class Tracks(NamedTuple):
     Without a model, or one without points, poses are the capture's at its shared frames, and there are no names and no
     points.
 
-    names: of the images
-    camera: of each image
-    frame: of its own video
-    cam_from_world: poses, metres
-    points: metres
-    pose_of: the image of each sighting
-    point_of: the point it is of
-    pixels: the lenses' distortion taken out
+    Attributes:
+        names: of the images.
+        camera: of each image.
+        frame: of its own video.
+        cam_from_world: poses, metres.
+        points: metres.
+        pose_of: the image of each sighting.
+        point_of: the point it is of.
+        pixels: the lenses' distortion taken out.
     """
 
     names: tuple[str, ...]
@@ -104,13 +105,14 @@ def _lens(capture: Capture, camera: int) -> Undistortion | None:
 class BodySightings(NamedTuple):
     """Body points that two cameras or more see.
 
-    body: how they move
-    points: their tracked places, metres
-    camera: of each sighting
-    position: of its frame among the capture's shared frames
-    point_of: the point it is of
-    pixels: the lenses' distortion taken out
-    alike: how many neighbouring frames share a detector's error
+    Attributes:
+        body: how they move.
+        points: their tracked places, metres.
+        camera: of each sighting.
+        position: of its frame among the capture's shared frames.
+        point_of: the point it is of.
+        pixels: the lenses' distortion taken out.
+        alike: how many neighbouring frames share a detector's error.
     """
 
     body: Body

@@ -36,11 +36,11 @@ class StaticRig(NamedTuple):
     """What the person tells.
 
     Attributes:
-        rig: the cameras, in about metres
-        points: the joints (`JOINTS`), NaN where fewer than two cameras see one
-        residual: of keypoints, pixels, NaN where there are none
-        centre_deviation: standard deviation of each camera's centre after the best similarity of all cameras
-        angle_deviation: of its orientation, radians
+        rig: the cameras, in about metres.
+        points: the joints (`JOINTS`), NaN where fewer than two cameras see one.
+        residual: of keypoints, pixels, NaN where there are none.
+        centre_deviation: standard deviation of each camera's centre after the best similarity of all cameras.
+        angle_deviation: of its orientation, radians.
     """
 
     rig: Rig

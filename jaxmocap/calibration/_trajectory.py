@@ -32,11 +32,12 @@ _STILL = 0.01  # of the distance to the scene
 class Departures(NamedTuple):
     """How far each pose is from what its neighbours in time predict.
 
-    shift: of the centre, in units of the distance to the scene
-    turn: angle, radians
-    outlier: whether it is off the path
-    usual_shift: robust standard deviation of `shift` over the path
-    usual_turn: that of `turn`, radians
+    Attributes:
+        shift: of the centre, in units of the distance to the scene.
+        turn: angle, radians.
+        outlier: whether it is off the path.
+        usual_shift: robust standard deviation of `shift` over the path.
+        usual_turn: that of `turn`, radians.
     """
 
     shift: Float[np.ndarray, " pose"]
@@ -153,9 +154,10 @@ def interpolate(
 class Repairs:
     """What was done to the poses.
 
-    outliers: frames whose poses were off the path
-    placed_again: of these, and of frames never placed, those placed by what they see
-    interpolated: those placed between their neighbours
+    Attributes:
+        outliers: frames whose poses were off the path.
+        placed_again: of these, and of frames never placed, those placed by what they see.
+        interpolated: those placed between their neighbours.
     """
 
     outliers: list[Place] = field(default_factory=list)

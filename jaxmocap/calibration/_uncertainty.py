@@ -24,14 +24,15 @@ _MOST_IN_NETWORK = 120
 class Network(NamedTuple):
     """What a bundle adjustment sees.
 
-    cam_from_world: poses, in the world's units
-    lens: the camera of each pose
-    focal: length of each lens, pixels
-    radial: distortion k1 of each lens
-    points: in the world
-    pose_of: the pose that makes each observation
-    point_of: the point it is of
-    sigma: standard deviation of a pixel coordinate
+    Attributes:
+        cam_from_world: poses, in the world's units.
+        lens: the camera of each pose.
+        focal: length of each lens, pixels.
+        radial: distortion k1 of each lens.
+        points: in the world.
+        pose_of: the pose that makes each observation.
+        point_of: the point it is of.
+        sigma: standard deviation of a pixel coordinate.
     """
 
     cam_from_world: Float[np.ndarray, "pose 4 4"]
@@ -47,8 +48,9 @@ class Network(NamedTuple):
 class PoseDeviation(NamedTuple):
     """Standard deviations of poses, each the root of the summed variances of three axes.
 
-    centre: in the world's units
-    angle: of the orientation, radians
+    Attributes:
+        centre: in the world's units.
+        angle: of the orientation, radians.
     """
 
     centre: Float[np.ndarray, " pose"]

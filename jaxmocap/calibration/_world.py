@@ -21,9 +21,10 @@ _EYE_HEIGHT = 1.5  # of a camera held up, where nothing tells the ground
 class Plane(NamedTuple):
     """The ground: points p with normal @ p = offset.
 
-    normal: unit vector, pointing up
-    offset: along the normal, in the model's units
-    count: how many points of the model lie on it
+    Attributes:
+        normal: unit vector, pointing up.
+        offset: along the normal, in the model's units.
+        count: how many points of the model lie on it.
     """
 
     normal: Float[np.ndarray, "3"]
@@ -34,11 +35,12 @@ class Plane(NamedTuple):
 class Gravity(NamedTuple):
     """Which way is up.
 
-    up: unit vector of the model's world
-    source: the cue it is from: "given", "ground" or "cameras"
-    ground: the plane, where there is one
-    differences: angles between it and what the other cues say, degrees
-    warnings: sentences about cues that differ
+    Attributes:
+        up: unit vector of the model's world.
+        source: the cue it is from: "given", "ground" or "cameras".
+        ground: the plane, where there is one.
+        differences: angles between it and what the other cues say, degrees.
+        warnings: sentences about cues that differ.
     """
 
     up: Float[np.ndarray, "3"]

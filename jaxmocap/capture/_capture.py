@@ -36,28 +36,29 @@ class Capture:
     A `frame` in every method is a position 0 .. num_frames-1 in the span all cameras share, the same as in
     `cameras.at(frame)` and `timestamps[frame]`. Whatever a capture gives is of `sizes`.
 
-    folder: where `capture.toml` is.
-    name: for reports.
-    fps: nominal frames per second.
-    num_frames: frames that all cameras share.
-    up: the world's vertical axis, "x", "y" or "z".
-    metres_per_unit: of the calibration's lengths.
-    actor: file of the character; None: not given.
-    camera_names: one per camera, by which files are named.
-    videos: one file per camera.
-    selected_frames: positions of the frames to register (Gamma, paper Sec. 3); None: chosen by `choose_frames`.
-    masks_folder: PNG masks by camera and frame; None: not given.
-    keypoints_folder: a detector's files (`jaxmocap.detection`) by camera and frame; None: not given.
-    truth: file of the true motion; None: not known.
-    cameras_path: COLMAP model or calibration file; None: not calibrated.
-    offsets: seconds added to each video's own time to give the common time.
-    indices: what each video holds.
-    video_frames: number of each frame in that camera's own video, by which files are named; row 0 numbers a result.
-    findings: warnings met while opening.
-    found_masks: (camera, frame) -> undistorted mask, in the place of mask files that are missing (`with_masks`).
-    longest_side: pixels; longer pictures are made smaller when decoded, and masks, keypoints and cameras with them;
-        None: never.
-    keypoint_layout: of the keypoint files; None: told by the number of points.
+    Attributes:
+        folder: where `capture.toml` is.
+        name: for reports.
+        fps: nominal frames per second.
+        num_frames: frames that all cameras share.
+        up: the world's vertical axis, "x", "y" or "z".
+        metres_per_unit: of the calibration's lengths.
+        actor: file of the character; None: not given.
+        camera_names: one per camera, by which files are named.
+        videos: one file per camera.
+        selected_frames: positions of the frames to register (Gamma, paper Sec. 3); None: chosen by `choose_frames`.
+        masks_folder: PNG masks by camera and frame; None: not given.
+        keypoints_folder: a detector's files (`jaxmocap.detection`) by camera and frame; None: not given.
+        truth: file of the true motion; None: not known.
+        cameras_path: COLMAP model or calibration file; None: not calibrated.
+        offsets: seconds added to each video's own time to give the common time.
+        indices: what each video holds.
+        video_frames: number of each frame in that camera's own video, by which files are named; row 0 numbers a result.
+        findings: warnings met while opening.
+        found_masks: (camera, frame) -> undistorted mask, in the place of mask files that are missing (`with_masks`).
+        longest_side: pixels; longer pictures are made smaller when decoded, and masks, keypoints and cameras with them;
+            None: never.
+        keypoint_layout: of the keypoint files; None: told by the number of points.
     """
 
     folder: Path

@@ -64,9 +64,10 @@ _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 class CameraEntry(BaseModel):
     """One `[[camera]]` of a capture.
 
-    name: part of file names; each camera needs its own.
-    video: path in the capture folder.
-    offset: seconds added to the video's own time to give the common time; 0, as if all started together.
+    Attributes:
+        name: part of file names; each camera needs its own.
+        video: path in the capture folder.
+        offset: seconds added to the video's own time to give the common time; by default 0, as if all started together.
     """
 
     model_config = _STRICT
@@ -78,20 +79,21 @@ class CameraEntry(BaseModel):
 class CaptureConfig(BaseModel):
     """The content of `capture.toml`; paths are relative to the capture folder and stay inside it.
 
-    name: for reports; the folder's by default.
-    fps: nominal frames per second; those of the first video by default.
-    frames: how many of the shared frames to use; all by default.
-    units: of the calibration's lengths.
-    up: the world's vertical axis.
-    actor: the character's file.
-    cameras: COLMAP model folder or calibration file.
-    selected_frames: numbers of frames in the first video (Gamma, paper Sec. 3); chosen by default.
-    keypoints: folder of a detector's files.
-    keypoint_layout: of the keypoint files; told by the number of points by default.
-    masks: folder of PNG masks.
-    truth: file of the true motion.
-    longest_side: pixels of the pictures that are worked on; 960, the paper's (Sec. 5).
-    camera: one section per video.
+    Attributes:
+        name: for reports; the folder's by default.
+        fps: nominal frames per second; those of the first video by default.
+        frames: how many of the shared frames to use; all by default.
+        units: of the calibration's lengths.
+        up: the world's vertical axis.
+        actor: the character's file.
+        cameras: COLMAP model folder or calibration file.
+        selected_frames: numbers of frames in the first video (Gamma, paper Sec. 3); chosen by default.
+        keypoints: folder of a detector's files.
+        keypoint_layout: of the keypoint files; told by the number of points by default.
+        masks: folder of PNG masks.
+        truth: file of the true motion.
+        longest_side: pixels of the pictures that are worked on; by default 960, the paper's (Sec. 5).
+        camera: one section per video.
     """
 
     model_config = _STRICT

@@ -16,9 +16,10 @@ from ._capture import Capture
 class Detections:
     """A detector's keypoints; a frame or camera may be missing.
 
-    capture: the capture they are of.
-    folder: files of the forms and names that the capture's keypoints may have (`jaxmocap.detection`).
-    frames: positions at which they may be used; None: all.
+    Attributes:
+        capture: the capture they are of.
+        folder: files of the forms and names that the capture's keypoints may have (`jaxmocap.detection`).
+        frames: positions at which they may be used; None: all.
     """
 
     capture: Capture

@@ -19,10 +19,11 @@ from .synchronisation import Progress, Span, Synchronisation, SyncMethod, synchr
 class SyncPlan:
     """What synchronising would write.
 
-    file: the capture's `capture.toml`.
-    text: its content.
-    found: the offsets.
-    copies: videos that belong into a new capture's folder, by their name there; none for a capture that exists.
+    Attributes:
+        file: the capture's `capture.toml`.
+        text: its content.
+        found: the offsets.
+        copies: videos that belong into a new capture's folder, by their name there; none for a capture that exists.
     """
 
     file: Path

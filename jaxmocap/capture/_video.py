@@ -19,11 +19,12 @@ _READ_ON = 48  # frames ahead up to which decoding on is preferred to seeking
 class VideoIndex:
     """What a video holds.
 
-    path: its file.
-    size: (width, height) as displayed, pixels.
-    pts: sorted presentation timestamps, units of the stream's time base.
-    seconds: the same since the first frame.
-    quarter_turns: counter-clockwise, which bring a stored picture upright.
+    Attributes:
+        path: its file.
+        size: (width, height) as displayed, pixels.
+        pts: sorted presentation timestamps, units of the stream's time base.
+        seconds: the same since the first frame.
+        quarter_turns: counter-clockwise, which bring a stored picture upright.
     """
 
     path: Path

@@ -16,10 +16,11 @@ _INSIDE = re.compile(r"(?:.*_)?(\d{5,})(?:_keypoints)?\.json")
 class VideoKeypoints:
     """A detector's keypoints of one video. Frames are numbered from 0 in the video.
 
-    folder: where the files of all cameras lie.
-    names: by which the files are named; the camera's first, then that of the video without its suffix.
-    layout: of the points; None: told by their number.
-    size: (width, height) of the video in pixels.
+    Attributes:
+        folder: where the files of all cameras lie.
+        names: by which the files are named; the camera's first, then that of the video without its suffix.
+        layout: of the points; None: told by their number.
+        size: (width, height) of the video in pixels.
     """
 
     folder: Path

@@ -13,8 +13,9 @@ LayoutName = Literal["body25", "coco17", "coco133", "halpe26", "halpe136", "blaz
 class Layout:
     """A keypoint layout.
 
-    title: as sentences name it.
-    points: names in file order. Names are shared by all layouts, `l_` and `r_` are the person's left and right.
+    Attributes:
+        title: as sentences name it.
+        points: names in file order. Names are shared by all layouts, `l_` and `r_` are the person's left and right.
     """
 
     title: str

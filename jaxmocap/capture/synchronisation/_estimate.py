@@ -18,12 +18,13 @@ SURE = 0.3
 class Estimate:
     """What one method says about two videos, whose times count from their first frames.
 
-    method: flash, sound or motion.
-    offset: seconds added to the second video's time to give the first's.
-    confidence: in [0, 1]; what it is made of, the method says.
-    when: time of the second video at which the offset holds, seconds.
-    drift: seconds per second by which the offset grows, where the clocks differ; None: not known.
-    detail: for the report.
+    Attributes:
+        method: flash, sound or motion.
+        offset: seconds added to the second video's time to give the first's.
+        confidence: in [0, 1]; what it is made of, the method says.
+        when: time of the second video at which the offset holds, seconds.
+        drift: seconds per second by which the offset grows, where the clocks differ; None: not known.
+        detail: for the report.
     """
 
     method: MethodName
@@ -46,13 +47,14 @@ class Undecided(Exception):
 class Pair:
     """What is known about two cameras.
 
-    first: number of the one camera.
-    second: number of the other.
-    estimates: what each method says.
-    reasons: why the other methods cannot.
-    chosen: the estimate that is used; None: nothing could be decided.
-    notes: sentences about what is doubtful.
-    confirmed: whether another method agrees with the chosen one.
+    Attributes:
+        first: number of the one camera.
+        second: number of the other.
+        estimates: what each method says.
+        reasons: why the other methods cannot.
+        chosen: the estimate that is used; None: nothing could be decided.
+        notes: sentences about what is doubtful.
+        confirmed: whether another method agrees with the chosen one.
     """
 
     first: int

@@ -78,10 +78,11 @@ def measure_brightness(index: VideoIndex, progress: Callable[[float], None] | No
 class Flash:
     """A sudden light.
 
-    frame: the first it falls into.
-    line: share of that frame's lines that were read before it.
-    seconds: when it began, since the video's first frame.
-    share: of the picture that it lights.
+    Attributes:
+        frame: the first it falls into.
+        line: share of that frame's lines that were read before it.
+        seconds: when it began, since the video's first frame.
+        share: of the picture that it lights.
     """
 
     frame: int

@@ -29,9 +29,10 @@ class MotionCurve:
 
     Up and down are the same for all upright cameras, wherever they stand, and so is a good part of how fast.
 
-    index: the video.
-    seconds: the middle between the two frames, since the video's first.
-    values: mean velocity downwards, picture heights per second, and logarithm of the root mean square speed.
+    Attributes:
+        index: the video.
+        seconds: the middle between the two frames, since the video's first.
+        values: mean velocity downwards, picture heights per second, and logarithm of the root mean square speed.
     """
 
     index: VideoIndex

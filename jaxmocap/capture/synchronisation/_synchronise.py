@@ -120,12 +120,13 @@ class Evidence:
 class Synchronisation:
     """When the videos of several cameras started.
 
-    cameras: their names.
-    offsets: one per camera, seconds added to its video's own time to give the first camera's.
-    frame: the first camera's time between frames, seconds.
-    method: what was asked for.
-    pairs: what is known about every two cameras.
-    notes: sentences about what is doubtful.
+    Attributes:
+        cameras: their names.
+        offsets: one per camera, seconds added to its video's own time to give the first camera's.
+        frame: the first camera's time between frames, seconds.
+        method: what was asked for.
+        pairs: what is known about every two cameras.
+        notes: sentences about what is doubtful.
     """
 
     cameras: tuple[str, ...]
