@@ -22,14 +22,14 @@ class JointPriors(NamedTuple):
     """Standard deviations of what is believed beforehand; zero holds what it is about.
 
     Attributes:
-        turn: of a camera from where it was, radians; 1 degree.
-        shift: of a camera from where it was, metres; 0.05.
-        turn_between: of one knot from the next, radians; 0.2 degrees.
-        shift_between: of one knot from the next, metres; 0.01.
-        apart: time between knots, seconds, no deviation; 1/3.
-        focal: of a focal length, relative; 0.005.
-        late: of a clock, seconds; 0.05, some two frames.
-        body: of a body point from its tracked place, metres; 0.1.
+        turn: of a camera from where it was, radians; 1 degree by default.
+        shift: of a camera from where it was, metres; 0.05 by default.
+        turn_between: of one knot from the next, radians; 0.2 degrees by default.
+        shift_between: of one knot from the next, metres; 0.01 by default.
+        apart: time between knots, seconds, no deviation; 1/3 by default.
+        focal: of a focal length, relative; 0.005 by default.
+        late: of a clock, seconds; by default 0.05, some two frames.
+        body: of a body point from its tracked place, metres; 0.1 by default.
     """
 
     turn: float = float(np.radians(1.0))
