@@ -18,8 +18,9 @@ _PATIENCE = 0.2  # seconds; a run that ends takes its lock file away, and a lock
 class RunFolder(NamedTuple):
     """The places of a run.
 
-    staging: where the files of the result are written.
-    checkpoint: where the unfinished run is kept.
+    Attributes:
+        staging: where the files of the result are written.
+        checkpoint: where the unfinished run is kept.
     """
 
     staging: Path
@@ -27,14 +28,16 @@ class RunFolder(NamedTuple):
 
 
 def finished(out: Path) -> bool:
-    """Whether the folder holds a result."""
+    """Tell whether the folder holds a result."""
     return (out / "motion.npz").is_file()
 
 
 @contextlib.contextmanager
 def run_folder(out: Path, *, resume: bool = False) -> Iterator[RunFolder]:
-    """Claim `out` for a run. When the block ends well the files of `staging` move there and the checkpoint is deleted;
-    when it raises, or the process dies, the checkpoint stays, if one was written.
+    """Claim `out` for a run.
+
+    When the block ends well the files of `staging` move there and the checkpoint is deleted; when it raises, or the
+    process dies, the checkpoint stays, if one was written.
 
     Raises `InputError` if another process is at work in `out`, if it holds anything but an unfinished run of ours, or
     if it holds one and `resume` is off.
@@ -62,8 +65,10 @@ def run_folder(out: Path, *, resume: bool = False) -> Iterator[RunFolder]:
 
 @contextlib.contextmanager
 def only_run(folder: Path, out: Path) -> Iterator[None]:
-    """Hold a folder, which is made if need be, for this process. The system lets go when a process dies, however it
-    dies; an empty folder is taken away at the end."""
+    """Hold a folder, which is made if need be, for this process.
+
+    The system lets go when a process dies, however it dies; an empty folder is taken away at the end.
+    """
     lock = FileLock(folder / _LOCK, timeout=_PATIENCE, fallback_to_soft=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -59,13 +59,16 @@ def _states(work: RunWork) -> Iterator[tuple[Stage, State]]:
 
 
 def given_by_hand(work: RunWork, stage: Stage) -> bool:
-    """Whether `capture.toml` says something else in the stage's line than the stage wrote: the user's word counts."""
+    """Tell whether `capture.toml` says something else in the stage's line than the stage wrote.
+
+    If so, the user's word counts.
+    """
     found = written(work, stage)
     return found is not None and found != work.record.made(stage.name)
 
 
 def done_before(work: RunWork, stage: Stage) -> bool:
-    """Whether the stage was done of what it would be made of now, and what it wrote is there."""
+    """Tell whether the stage was done of what it would be made of now, and what it wrote is there."""
     if not work.folder.is_dir() or not work.record.begun(stage.name):
         return False
     if stage.line is not None and written(work, stage) is None:

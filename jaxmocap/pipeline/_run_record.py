@@ -40,19 +40,19 @@ class RunRecord:
             ) from error
 
     def done(self, stage: str, inputs: Any) -> bool:
-        """Whether a stage was done of these inputs."""
+        """Tell whether a stage was done of these inputs."""
         return stage in self._stages and self._stages[stage]["inputs"] == digest(plain(inputs))
 
     def begun(self, stage: str) -> bool:
-        """Whether a stage was ever done."""
+        """Tell whether a stage was ever done."""
         return stage in self._stages
 
     def made(self, stage: str) -> Any:
-        """What a stage wrote; None where it was not done."""
+        """Return what a stage wrote; None where it was not done."""
         return self._stages.get(stage, {}).get("made")
 
     def seconds(self, stage: str) -> float | None:
-        """How long a stage took when it was last done."""
+        """Say how long a stage took when it was last done."""
         return self._stages.get(stage, {}).get("seconds")
 
     def set(self, stage: str, inputs: Any, made: Any, seconds: float | None = None) -> None:

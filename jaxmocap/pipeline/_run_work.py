@@ -45,7 +45,7 @@ class RunWork(RunInputs):
         return Capture.open(self.folder, with_cameras=with_cameras)
 
     def _span(self, capture: Capture) -> tuple[int, int] | None:
-        """The frames to track, within those the videos share."""
+        """Find the frames to track, within those the videos share."""
         start, stop = self.options.frames
         if start is None and stop is None:
             return None
@@ -152,7 +152,7 @@ class RunWork(RunInputs):
         return self.config().cameras
 
     def one_camera(self) -> Any:
-        """A camera that stands still and level, for one video tells neither its way nor the ground."""
+        """Take a camera that stands still and level, for one video tells neither its way nor the ground."""
         capture = self._open(with_cameras=False).as_recorded()
         name, size = capture.camera_names[0], capture.recorded_sizes[0]
         focal = self.options.focal.get(name, FOCAL * max(size))
@@ -214,7 +214,7 @@ class RunWork(RunInputs):
         return folder.name
 
     def _result_folder(self) -> Path:
-        """The folder of an unfinished run of the same inputs, or a new one: results are never overwritten."""
+        """Choose the folder of an unfinished run of the same inputs, or a new one: results are never overwritten."""
         ongoing = self.record.made("tracking")
         if ongoing is not None and self.record.done("tracking", self.of_track()):
             return self.out / ongoing
@@ -223,13 +223,13 @@ class RunWork(RunInputs):
         return folder
 
     def result(self) -> tuple[Path, Motion]:
-        """The folder of the result and the motion in it."""
+        """Return the folder of the result and the motion in it."""
         folder = self.out / str(self.record.made("track"))
         return folder, Motion.load(folder)
 
 
 def _level_camera(name: str, size: tuple[int, int], focal: float, num_frames: int) -> Cameras:
-    """A camera at the world's origin that looks ahead, y up."""
+    """Place a camera at the world's origin that looks ahead, y up."""
     intrinsics = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]], np.float32)
     pose = np.diag([1.0, -1.0, -1.0, 1.0]).astype(np.float32)
     poses = np.broadcast_to(pose, (1, num_frames, 4, 4))
@@ -238,7 +238,7 @@ def _level_camera(name: str, size: tuple[int, int], focal: float, num_frames: in
 
 
 def _link_or_copy(video: Path, place: Path) -> None:
-    """A link costs no room; where the file system has none, the video is copied."""
+    """Link a video, which costs no room; where the file system has no links, copy it."""
     try:
         os.link(video.resolve(), place)
     except OSError:

@@ -84,8 +84,10 @@ def _finish(sampler: AbstractSampler, progress: _Progress, rows: _Row) -> tuple[
 
 
 def _plan(sampler: AbstractSampler, energy_fn: Stages) -> tuple[tuple[EnergyFunction, ...], tuple[int, ...]]:
-    """The energies of the stages, and after how many sets each ends; the last has one more where the mean is checked
-    there."""
+    """List the energies of the stages, and after how many sets each ends.
+
+    The last has one more where the mean is checked there.
+    """
     stages = [(energy_fn, sampler.num_iterations)] if callable(energy_fn) else list(energy_fn)
     energies, counts = zip(*stages, strict=True)
     ends = list(itertools.accumulate(counts))
@@ -167,7 +169,7 @@ def run(
     progress = begin(population, 0 if scouts is None else 2 * sets + 1)
 
     def score(iteration: Int[Array, ""], particles: Float[Array, "particle dof"]) -> Float[Array, "particle"]:
-        """One loop for all stages: what a sampler does with energies compiles once."""
+        """Score particles by their stage's energy, in one loop: what a sampler does with energies compiles once."""
         stages = [lambda rows, energy=energy: energy(rows).astype(rows.dtype) for energy in energies_of]
         return jax.lax.switch(jnp.sum(iteration >= starts), stages, particles)
 

@@ -186,7 +186,7 @@ def wide_population(
 
 @optimised_jit
 def _prepare(levels: tuple[_Level, ...], group: GroupProblem, capacity: int) -> tuple[Base, ...]:
-    """What the particles share at each level; of a part that is `unseen`, so that groups share the program."""
+    """Prepare what the particles share at each level; the part is `unseen`, so that groups share the program."""
     return tuple(prepare_base(level.stage.energy, level.of(group), capacity) for level in levels)
 
 
@@ -342,7 +342,7 @@ Groups = tuple[tuple[str, tuple[int, ...]], ...]
 
 
 def _like(skeleton: Skeleton, name: str) -> bool:
-    """Groups of which this is the same share one compiled search: the limbs, and root and torso."""
+    """Tell whether a group is a limb: limbs share one compiled search, and root and torso another."""
     return name in skeleton.limbs
 
 
