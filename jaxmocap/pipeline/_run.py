@@ -94,7 +94,7 @@ def run(
         plan(plan_of(work))
         for stage in stages_of(work):
             if given_by_hand(work, stage):
-                say(f"{stage.name}: {stage.line} is as capture.toml says.")
+                say(f"{stage.name}: {stage.line} was set by hand in capture.toml, and stays.")
                 continue
             if done_before(work, stage) and (stage.name != "track" or finished(out / str(record.made("track")))):
                 continue
