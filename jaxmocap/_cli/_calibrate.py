@@ -8,7 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import CaptureOrVideos, Json, NewCapture, Seed
+from ._arguments import CaptureOrVideos, FrameSpan, Json, NewCapture, Seed, open_span
 from ._output import progress, say, show
 
 
@@ -63,6 +63,7 @@ def calibrate(
             help_behavior_hint="(default: told by the background)",
         ),
     ] = False,
+    frames: FrameSpan = None,
     key_step: Annotated[int, tyro.conf.arg(metavar="N", help="One key frame in so many frames.")] = 5,
     replace: Annotated[
         bool,
@@ -90,6 +91,7 @@ def calibrate(
             focal=lengths,
             intrinsics=intrinsics,
             static=static or None,
+            frames=open_span(frames),
             key_step=key_step,
             seed=seed,
             say=say,

@@ -6,7 +6,7 @@
 `_joint_adjustment` solves. `_in_place` does either to a capture on disk.
 """
 
-from ._calibrate import Calibration as Calibration, calibrate as calibrate
+from ._calibrate import Calibration as Calibration, calibrate as calibrate, refuse_gaps as refuse_gaps
 from ._in_place import (
     adopt_cameras as adopt_cameras,
     calibrate_in_place as calibrate_in_place,

@@ -71,6 +71,7 @@ def calibrate(
     focal: Mapping[str, float] | None = None,
     intrinsics: str | Path | None = None,
     static: bool | None = None,
+    frames: tuple[int, int | None] = (0, None),
     key_step: int = 5,
     seed: int = 0,
     progress: Report = lambda stage, done, total: None,
@@ -84,7 +85,8 @@ def calibrate(
     from keypoints in two views, against the capture's actor, or against a person of `height` metres. Up: the direction
     `up` in the first camera at the first shared frame (x right, y down, z forward), else found. `focal` lengths in
     pixels, by camera, are kept; without them they are found. `intrinsics` is a calibration file whose lenses are kept,
-    of cameras that stand still. Whatever cameras the capture has are not looked at.
+    of cameras that stand still. `frames` (first, end) are the shared frames that are wanted: elsewhere a camera may be
+    lost for as long as it likes, and lies between its neighbours. Whatever cameras the capture has are not looked at.
 
     Raises `InputError` for footage that cannot be calibrated; nothing is written.
     """
@@ -105,7 +107,7 @@ def calibrate(
         route.run(work, progress)
         solved = Solved.read(work / "result.npz", recorded)
         interpolated = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
-        refuse_gaps(recorded, interpolated)
+        refuse_gaps(recorded, interpolated, frames)
         views = subject_views(recorded, solved, keypoints)
         scale = find_scale(solved, views, lengths, source, camera_distance)
         people = [triangulate_views(view) for view in views]
@@ -156,14 +158,14 @@ def _refuse_numbers(height: float | None, distance: float | None, up: tuple[floa
         raise InputError(f"--up is {up}; three numbers, not all zero, were expected: x right, y down, z forward")
 
 
-def refuse_gaps(capture: Capture, interpolated: set[tuple[int, int]]) -> None:
+def refuse_gaps(capture: Capture, interpolated: set[tuple[int, int]], frames: tuple[int, int | None]) -> None:
     """Raise `InputError` where a camera could not be placed for a second on end, or in more than a fifth of the frames.
 
     Short spans are filled in; long ones are a cut, or nothing to go by. `interpolated` are (camera, frame of its own
-    video); shared frames count.
+    video); shared `frames` (first, end) count.
     """
     for camera, name in enumerate(capture.camera_names):
-        own = capture.video_frames[camera]
+        own = capture.video_frames[camera][slice(*frames)]
         filled = np.array([(camera, int(frame)) in interpolated for frame in own])
         edges = np.flatnonzero(np.diff(np.concatenate([[0], filled.astype(int), [0]])))
         runs = [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
@@ -174,6 +176,6 @@ def refuse_gaps(capture: Capture, interpolated: set[tuple[int, int]]) -> None:
             continue
         raise InputError(
             f"camera '{name}' cannot be placed in {int(filled.sum())} of {len(own)} shared frames, at most at frames "
-            f"{own[start]} to {own[stop - 1]} on end: they show another place (a cut?), or too little background; cut "
-            "that part off both videos, or film it again."
+            f"{own[start]} to {own[stop - 1]} on end: they show another place (a cut?), or too little background; say "
+            "with --frames A:B which shared frames are wanted, cut that part off both videos, or film it again."
         )

@@ -35,7 +35,9 @@ class ChosenFrames(NamedTuple):
     reason: str
 
 
-def choose_frames(capture: Capture, cameras: Cameras, count: int = DEFAULT_COUNT) -> ChosenFrames:
+def choose_frames(
+    capture: Capture, cameras: Cameras, count: int = DEFAULT_COUNT, within: tuple[int, int | None] = (0, None)
+) -> ChosenFrames:
     """Choose at most `count` frames with good keypoints whose poses and sides seen stand for the whole capture.
 
     Good: the torso and 11 of 13 joints in two views, triangulated with less than a tenth of the trunk as residual, and
@@ -44,12 +46,14 @@ def choose_frames(capture: Capture, cameras: Cameras, count: int = DEFAULT_COUNT
     greedily, which is within 1 - 1/e of the best; Nemhauser et al. 1978). Near means: joints about the trunk in its own
     axes, and the directions in which the cameras lie from it. Without good frames, the one that shows most points in
     two views; without any, the first. The same capture gives the same frames. With one camera joints are compared as
-    they look in its image.
+    they look in its image. Only frames `within` (first, end) are looked at.
     """
     if count < 1:
         raise ValueError(f"count is {count}; at least one frame must be chosen")
     views = "two views" if capture.num_cameras > 1 else "its view"
     shared = _frames_in_two_views(capture) if capture.num_cameras > 1 else capture.keypoint_frames(0)
+    last = capture.num_frames if within[1] is None else within[1]
+    shared = [frame for frame in shared if within[0] <= frame < last]
     poses, seen = {}, {}
     for frame in shared:
         if capture.num_cameras == 1:

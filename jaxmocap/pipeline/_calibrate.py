@@ -23,6 +23,7 @@ def calibrate(
     focal: Mapping[str, float] | None = None,
     intrinsics: str | Path | None = None,
     static: bool | None = None,
+    frames: tuple[int, int | None] | None = None,
     key_step: int = 5,
     seed: int = 0,
     say: Callable[[str], None] = lambda sentence: None,
@@ -42,7 +43,9 @@ def calibrate(
     from keypoints in two views, against the capture's actor, or against a person of `height` metres. Up: the direction
     `up` in the first camera at the first shared frame (x right, y down, z forward), else found. `focal` lengths in
     pixels, by camera, are kept; without them they are found. `intrinsics` is a calibration file whose lenses are kept,
-    of cameras that stand still; its poses do not count. `say` takes sentences about what is assumed.
+    of cameras that stand still; its poses do not count. `frames` (first, end) are the shared frames that are wanted, by
+    default all: a camera that is lost for a second on end is refused there, and elsewhere filled in. `say` takes
+    sentences about what is assumed.
 
     Raises `InputError`, with nothing changed on disk, for footage that cannot be calibrated.
     """
@@ -53,6 +56,7 @@ def calibrate(
         "focal": focal,
         "intrinsics": intrinsics,
         "static": static,
+        "frames": frames or (0, None),
         "key_step": key_step,
         "seed": seed,
         "progress": progress,

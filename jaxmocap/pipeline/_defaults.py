@@ -15,15 +15,18 @@ _SETTINGS = SegmentationSettings()
 
 
 def with_selected_frames(
-    capture: Capture, overrides: Overrides | None = None, say: Callable[[str], None] | None = None
+    capture: Capture,
+    overrides: Overrides | None = None,
+    say: Callable[[str], None] | None = None,
+    within: tuple[int, int | None] = (0, None),
 ) -> tuple[Capture, dict]:
     """Choose selected frames from the capture's keypoints if it names none; return it with a record of that.
 
-    Frames whose pose is given by `overrides` are among those chosen.
+    They are `within` (first, end). Frames whose pose is given by `overrides` are among those chosen.
     """
     if capture.selected_frames is not None:
         return capture, {"frames": _own_numbers(capture), "source": "capture"}
-    chosen = choose_frames(capture, capture.cameras)
+    chosen = choose_frames(capture, capture.cameras, within=within)
     given = [frame for frame in overrides or {} if frame < capture.num_frames]
     complete = capture.with_selected_frames((*chosen.frames, *given))
     numbers = _own_numbers(complete)

@@ -1,5 +1,6 @@
 """A run in its folder, and what its stages are made of."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from jaxmocap._results import InputError
-from jaxmocap.capture import CaptureConfig, VideoIndex, config_path, path_hash, read_config
+from jaxmocap.calibration import refuse_gaps
+from jaxmocap.capture import Capture, CaptureConfig, VideoIndex, config_path, path_hash, read_config
 
 from ._run_options import RunOptions
 from ._run_record import RunRecord
@@ -81,7 +83,29 @@ class RunInputs:
         options = self.options
         size = path_hash(options.actor) if options.actor and not (options.height or options.camera_distance) else None
         told = [options.height, options.camera_distance, sorted(options.focal.items()), options.static, options.seed]
-        return [self.videos, self.offsets(), self.hash_of("keypoints"), size, told]
+        return [self.videos, self.offsets(), self.hash_of("keypoints"), size, told, self.lost_in_span()]
+
+    def lost_in_span(self) -> bool:
+        """Say whether the cameras that there are have a gap in the frames that are wanted, as those of others may."""
+        named = self.config().cameras
+        report = None if named is None else self.folder / named / "calibration.json"
+        if report is None or not report.is_file():
+            return False
+        lost = {
+            (number, frame)
+            for number, camera in enumerate(json.loads(report.read_text(encoding="utf-8"))["cameras"].values())
+            for frame in camera["interpolated"]
+        }
+        start, end = self.options.frames
+        try:
+            refuse_gaps(Capture.open(self.folder, with_cameras=False), lost, (start or 0, end))
+        except InputError:
+            return True
+        return False
+
+    def of_select(self) -> Any:
+        """List what the selected frames are chosen from."""
+        return [self.seen(), self.options.frames]
 
     def of_body(self) -> Any:
         """List what the body is made of."""

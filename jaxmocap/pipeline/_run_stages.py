@@ -86,7 +86,7 @@ def stages_of(work: RunWork) -> list[Stage]:
             "selected frames",
             "choose the frames that colours and poses begin with",
             "selected_frames",
-            work.seen,
+            work.of_select,
             work.select,
             f"write selected_frames = [N, ...] into {work.folder}/capture.toml",
         ),

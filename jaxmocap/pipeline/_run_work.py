@@ -143,6 +143,7 @@ class RunWork(RunInputs):
             camera_distance=options.camera_distance,
             focal=dict(options.focal),
             static=options.static,
+            frames=self._span(self._open(with_cameras=False)),
             seed=options.seed,
             say=self.say,
             progress=self.progress,
@@ -191,7 +192,8 @@ class RunWork(RunInputs):
 
     def select(self) -> Any:
         """Choose the selected frames."""
-        _, chosen = with_selected_frames(self._open()._with(selected_frames=None))
+        capture = self._open()
+        _, chosen = with_selected_frames(capture._with(selected_frames=None), within=self._span(capture) or (0, None))
         self._set(selected_frames=chosen["frames"])
         self.say(f"Selected frames: {', '.join(map(str, chosen['frames']))}; {chosen['reason']}.")
         return chosen["frames"]

@@ -7,11 +7,14 @@ import pytest
 from moving_cameras import FOCAL, centres_of, paths, project
 from scipy.spatial.transform import Rotation
 
+from jaxmocap._results import InputError
+from jaxmocap.calibration import refuse_gaps
 from jaxmocap.calibration._features import Features
 from jaxmocap.calibration._footage import Footage, VideoFootage
 from jaxmocap.calibration._registration import Model, Sightings
 from jaxmocap.calibration._trajectory import repair
 from jaxmocap.calibration._worker import write_result
+from jaxmocap.capture import Capture
 
 COUNT = 16
 POSES = paths(COUNT)
@@ -26,7 +29,7 @@ def silent(stage: str, done: int, total: int) -> None:
 def seen() -> tuple[Model, dict]:
     """Every frame placed by what it sees, with 10 % false sightings, except one that sees nothing."""
     generator = np.random.default_rng(0)
-    videos = tuple(VideoFootage(name, "", (960, 540), 0, COUNT - 1, FOCAL, False, {}, {}) for name in ("cam0", "cam1"))
+    videos = tuple(VideoFootage(name, "", (960, 540), 0, COUNT - 1, FOCAL, False, False, {}, {}) for name in ("cam0", "cam1"))
     reconstruction = pycolmap.Reconstruction()
     for camera in (1, 2):
         lens = pycolmap.Camera(camera_id=camera, model="SIMPLE_RADIAL", width=960, height=540)
@@ -84,3 +87,12 @@ def test_wrong_poses_are_placed_again_and_missing_ones_filled_in(seen, tmp_path)
         np.testing.assert_allclose(result["cam_from_world"][0], POSES[0, 0], atol=0.02)
     written = pycolmap.Reconstruction(tmp_path / "model")
     assert written.num_reg_images() == 2 * COUNT
+
+
+def test_a_long_gap_is_refused_where_frames_are_wanted(small):
+    capture = Capture.open(small)
+    lost = {(1, frame) for frame in range(2, 9)}
+    with pytest.raises(InputError, match="placed in 7 of 12 shared frames, at most at frames 2 to 8 on end"):
+        refuse_gaps(capture, lost, (0, None))
+    refuse_gaps(capture, lost, (9, None))
+    refuse_gaps(capture, lost, (0, 2))

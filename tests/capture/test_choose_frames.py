@@ -112,3 +112,11 @@ def test_a_single_camera_chooses_by_what_it_sees(folder):
     chosen = choose_frames(capture, capture.cameras)
     assert [kinds[frame] for frame in chosen.frames] == [UP, CROUCHED, "standing"]
     assert "its view" in chosen.reason
+
+
+def test_only_frames_that_are_wanted_are_chosen(folder):
+    kinds = [UP] * 10 + [CROUCHED] * 10 + ["standing"] * 10
+    capture = filmed(folder, {frame: person(kind, 0.001 * frame) for frame, kind in enumerate(kinds)})
+    chosen = choose_frames(capture, capture.cameras, within=(12, None)).frames
+    assert min(chosen) >= 12
+    assert {kinds[frame] for frame in chosen} == {CROUCHED, "standing"}
