@@ -29,7 +29,8 @@ def silent(stage: str, done: int, total: int) -> None:
 def seen() -> tuple[Model, dict]:
     """Every frame placed by what it sees, with 10 % false sightings, except one that sees nothing."""
     generator = np.random.default_rng(0)
-    videos = tuple(VideoFootage(name, "", (960, 540), 0, COUNT - 1, FOCAL, False, False, {}, {}) for name in ("cam0", "cam1"))
+    names = ("cam0", "cam1")
+    videos = tuple(VideoFootage(name, "", (960, 540), 0, COUNT - 1, FOCAL, False, False, {}, {}) for name in names)
     reconstruction = pycolmap.Reconstruction()
     for camera in (1, 2):
         lens = pycolmap.Camera(camera_id=camera, model="SIMPLE_RADIAL", width=960, height=540)
