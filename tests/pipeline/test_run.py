@@ -68,13 +68,15 @@ def done(monkeypatch, motion) -> list[str]:
         cameras = _run_work.free_name(folder, "cameras")
         cameras.mkdir()
         (cameras / "height").write_text(str(options["height"]))
+        lost = {"left": {"interpolated": []}, "right_hand": {"interpolated": list(range(6, 12))}}
+        (cameras / "calibration.json").write_text(json.dumps({"cameras": lost}))
         set_lines(folder, cameras=cameras.name)
 
     def character_of(capture, **options):
         names.append("body")
         return SimpleNamespace(character=body(options["height"]))
 
-    def select(capture):
+    def select(capture, within):
         names.append("selected frames")
         return capture, {"frames": [0, 2], "reason": "they are good"}
 
@@ -283,3 +285,11 @@ def test_the_command_prints_plan_and_report(videos, done, tmp_path, capsys):
 def test_portrait_beside_landscape_keeps_its_shape(videos, done, tmp_path):
     again(videos, tmp_path / "dance")
     assert Capture.open(tmp_path / "dance" / "capture").recorded_sizes == ((64, 48), (48, 64))
+
+
+def test_other_frames_calibrate_again_only_where_a_camera_is_lost_in_them(videos, tmp_path, done):
+    """The right camera is lost from frame 6 on."""
+    out = tmp_path / "dance"
+    run(videos, out, height=1.8, frames=(0, 4))
+    assert again(videos, out, frames=(0, 6))[1] == ["selected frames", "track"]
+    assert "calibrate" in run(videos, out, height=1.8, frames=(0, 12)).seconds
