@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def street():
     """A textured synthetic background, a person-sized mask on it, and its image."""
     rng = np.random.default_rng(0)

@@ -27,7 +27,7 @@ SETTINGS = AppearanceSettings(
 )
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def scene(street):
     """Two cameras and two selected frames of the same street; the person's mask is cut into three triangles."""
     image, mask = street
@@ -36,7 +36,7 @@ def scene(street):
     return [[ids, ids]] * 2, [[image, image[:, ::-1]]] * 2, [[facing, facing]] * 2, [[mask, mask]] * 2
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def appearance(scene):
     ids, images, facing, masks = scene
     return fit_appearance(ids, images, facing, FACES, (0, 10), masks=masks, key=jax.random.key(0), settings=SETTINGS)

@@ -40,6 +40,7 @@ def stood_still(world) -> float:
     return still
 
 
+@pytest.mark.slow
 def test_perfect_keypoints_place_the_body_to_a_centimetre(world, stood_still, tmp_path):
     folder = world.write_keypoints(tmp_path / "keypoints", range(3))
     assert found(world, KeypointTriangulation(), Detections.open(world.capture, folder)) < 0.8
@@ -57,6 +58,7 @@ def test_too_few_keypoints_leave_the_last_pose(world, stood_still, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_segment_and_fit_follows_the_outline(world, stood_still):
     assert found(world, SegmentAndFit(iterations=1)) < stood_still
 

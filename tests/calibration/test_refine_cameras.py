@@ -114,6 +114,7 @@ def errors(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:
     return float(centres.mean()), float(np.degrees(angles.mean()))
 
 
+@pytest.mark.slow
 def test_a_capture_is_refined_in_place(world, film, capsys):
     folder, true = world
     before = errors(np.asarray(jm.Capture.open(film).cameras.cam_from_world), true)

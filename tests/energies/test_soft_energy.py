@@ -104,11 +104,13 @@ def in_pose(eq5, gradient):
     return np.asarray(gradient[0]) * UNIT, quotient * UNIT
 
 
+@pytest.mark.slow
 def test_the_gradient_in_the_pose_is_that_of_central_differences(in_pose):
     assert np.all(np.isfinite(in_pose[0]))
     assert cosine(*in_pose) > 0.99
 
 
+@pytest.mark.slow
 def test_so_it_is_for_every_limb_alone(world, in_pose):
     for name, dofs in world.character.skeleton.groups:
         assert cosine(*(side[list(dofs)] for side in in_pose)) > 0.97, name

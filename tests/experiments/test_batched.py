@@ -27,6 +27,7 @@ def batch(world) -> SearchBatch:
     return SearchBatch.make(energy, sampler, world.character, pose, world.problem(2), "l_arm", step=4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("driver", ["loop", pytest.param("scatter", marks=pytest.mark.slow)])
 def test_one_call_finds_what_a_loop_finds(batch, driver):
     batch = replace(batch, driver=driver)

@@ -112,6 +112,7 @@ def excess(fit: CharacterFit, filmed: SyntheticCapture) -> dict[str, float]:
     return {name: float(found[name] / truth[name]) - 1 for name in truth}
 
 
+@pytest.mark.slow
 def test_lengths_are_found_to_3_percent_but_for_what_the_detector_may_see_elsewhere(fitted, filmed, generic):
     """Shoulder points may lie beside the shoulders, which trades their breadth against the upper arms."""
     errors = excess(fitted, filmed)
@@ -139,6 +140,7 @@ def test_points_beside_the_joints_are_found_to_be_beside_them(capture_of, generi
     assert abs(excess(fit, filmed)["thigh"]) < abs(excess(stubborn, filmed)["thigh"])
 
 
+@pytest.mark.slow
 def test_poses_are_those_of_the_person(fitted, filmed):
     skeleton = fitted.character.skeleton
     wanted = [skeleton.landmark_names.index(f"{side}_{name}") for side in "lr" for name in ("elbow", "knee", "ankle")]
@@ -148,6 +150,7 @@ def test_poses_are_those_of_the_person(fitted, filmed):
         assert np.median(errors[wanted]) < 0.03
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_same_character_and_says_what_it_did(capture, fitted, generic, tmp_path, capsys):
     out = tmp_path / "new" / "fitted.glb"
     arguments = ["fit-character", capture.folder, "--out", out, "--json"]

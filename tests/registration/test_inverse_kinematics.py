@@ -36,6 +36,7 @@ def landmark_errors(world, pose):
     return np.linalg.norm(np.asarray(landmark_positions(skeleton, pose)) - world.truth.joints[FRAME], axis=1)[wanted]
 
 
+@pytest.mark.slow
 def test_a_limb_that_no_start_comes_near_is_found(world):
     """Two starts for the whole body leave it to the limbs' own starts to fold this arm."""
     skeleton = world.character.skeleton
@@ -69,6 +70,7 @@ def test_one_wrong_keypoint_is_outvoted(world, keypoints, solve):
     assert np.delete(errors, list(POINTS).index("r_wrist")).max() < 0.03
 
 
+@pytest.mark.slow
 def test_without_hips_the_root_is_found_from_eight_directions(world, keypoints, solve):
     hidden = [points.copy() for points in keypoints]
     for points in hidden:

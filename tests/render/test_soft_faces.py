@@ -113,6 +113,7 @@ def test_without_width_it_is_the_hard_rasteriser(dancers, actor):
     np.testing.assert_allclose(depth[same], inverse[np.asarray(view.pixel)][same], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_counted():
     vertices, faces = sphere()
     whole = np.asarray(seen(vertices, faces).needed)

@@ -104,6 +104,7 @@ def test_a_t_pose_turned_in_space_in_millimetres_with_noise():
     assert rigged.report["units"] == "mm"
 
 
+@pytest.mark.slow
 def test_a_mirrored_z_up_file_in_centimetres_with_holes_keeps_left_left():
     """The mirror image of a person is a person whose left is the other's right."""
     vertices, faces, joints = standing(small_person(), "A")
@@ -119,6 +120,7 @@ def test_a_mirrored_z_up_file_in_centimetres_with_holes_keeps_left_left():
     assert any("outwards" in repair for repair in report["repairs"])
 
 
+@pytest.mark.slow
 def test_joints_that_are_given_are_kept(relaxed):
     vertices, faces, joints = relaxed
     given = {"l_elbow": joints["l_elbow"] + [0.0, 0.0, 0.03], "neck": joints["neck"]}

@@ -27,6 +27,7 @@ def polished(world):
     return start, *polish(search_energy(), world.character, start, world.problem(FRAME), PLAN)
 
 
+@pytest.mark.slow
 def test_three_centimetres_become_less_than_one(world, polished):
     start, pose, before, after = polished
     assert error(world, start) > 0.025
@@ -34,6 +35,7 @@ def test_three_centimetres_become_less_than_one(world, polished):
     assert after < before
 
 
+@pytest.mark.slow
 def test_joint_limits_hold(world, polished):
     skeleton = world.character.skeleton
     angles = np.asarray(polished[1].angles)

@@ -89,6 +89,7 @@ def test_a_limb_is_compared_with_halfway_and_not_with_where_the_body_went(world)
     assert limb_deviation(skeleton, poses[0], jumped, poses[2], leg)[0] < 0.02
 
 
+@pytest.mark.slow
 def test_an_arm_that_left_its_way_for_a_frame_is_searched_from_halfway(world):
     """All three frames look alike in cost, so that only the way tells."""
     poses = [world.pose(0), arm_away(world, LOST), world.pose(2)]

@@ -54,6 +54,7 @@ def whole(world):
     return content(run(world))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop_after", [1, 2])
 def test_it_goes_on_to_the_same_bits(world, whole, tmp_path, stop_after):
     folder = tmp_path / "checkpoint"
@@ -85,6 +86,7 @@ def test_frames_brought_into_another_light_are_found_again_in_it(world, tmp_path
     assert np.any(lit.images[0] != plain.images[0])
 
 
+@pytest.mark.slow
 def test_a_kill_while_it_is_written_leaves_the_one_before(world, whole, tmp_path, monkeypatch):
     folder = tmp_path / "checkpoint"
     with pytest.raises(CutOff):

@@ -40,6 +40,7 @@ def started(world, tracker, pose, step):
     return best_start(tracker.score, tracker.tracker, world.frame(FRAME), pose, past, registered)
 
 
+@pytest.mark.slow
 def test_a_limb_that_goes_on_as_before_is_found_at_its_place(world, trackers):
     step, before = moved(world, l_shoulder_abd=25, r_knee_flex=20)
     found = started(world, trackers[True], before, step)

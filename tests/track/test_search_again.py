@@ -31,6 +31,7 @@ def searched_again(world, retry, usual=0.0, last_seen=None, before=0):
     return start, search_again(search, None, retry, frame, start, start, None, memory)[0]
 
 
+@pytest.mark.slow
 def test_an_arm_that_no_view_shows_is_found(world):
     """Nothing but its being hidden may call for the search: the other reasons are switched off."""
     start, found = searched_again(world, Retry(foreign=2.0, uncovered=2.0))
