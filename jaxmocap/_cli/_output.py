@@ -1,13 +1,15 @@
 """What a command says and where: its answer on standard output, messages and progress on standard error, pictures."""
 
 import contextlib
+import inspect
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -72,3 +74,18 @@ def write_png(path: Path, image: "np.ndarray") -> None:
 def mask_words(entry: dict) -> str:
     """Say an entry of a mask record in a word or two."""
     return f"{entry['source']} {entry['confidence']:.2f}" if "confidence" in entry else entry["source"]
+
+
+def show_help(groups: Mapping[str, Mapping[str, Callable[..., int]]], description: str) -> None:
+    """Print the commands by group, each with the first paragraph of what it says of itself."""
+    console = Console(highlight=False)
+    console.print("usage: jaxmocap COMMAND ...; jaxmocap COMMAND --help lists its options\n", markup=False)
+    console.print(description, markup=False)
+    for title, commands in groups.items():
+        table = Table(box=None, show_header=False, padding=(0, 2, 0, 0), title=f"\n{title}", title_justify="left")
+        table.add_column(width=max(len(name) for group in groups.values() for name in group), no_wrap=True)
+        table.add_column()
+        for name, command in commands.items():
+            first = (inspect.getdoc(command) or "").partition("\n\n")[0]
+            table.add_row(name, " ".join(first.split()))
+        console.print(table)

@@ -21,8 +21,8 @@ from ._doctor import doctor
 from ._evaluate import evaluate
 from ._export import export
 from ._fit_character import fit_character
-from ._groups import show_help
 from ._import_dataset import import_dataset
+from ._output import show_help
 from ._read_motion import read_motion
 from ._refine_cameras import refine_cameras
 from ._register import register

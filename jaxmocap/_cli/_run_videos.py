@@ -1,6 +1,5 @@
 """`jaxmocap run`: videos in, a motion out."""
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -9,7 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import Json, Seed
+from ._arguments import Json, Seed, open_span
 from ._calibrate import focal_lengths
 from ._output import progress, say, show
 from ._track import report_trust, summary
@@ -111,7 +110,7 @@ def run_videos(
             height=height,
             camera_distance=camera_distance,
             focal=focal_lengths(focal),
-            frames=open_span(frames),
+            frames=open_span(frames) or (0, None),
             quality=quality,
             actor=actor,
             person=_pixels(person),
@@ -136,16 +135,6 @@ def say_plan(planned: "list[PlannedStage]", out: Path) -> None:
     say(f"{out}:")
     for number, stage in enumerate(planned, 1):
         say(f"  {number}. {stage}")
-
-
-def open_span(text: str | None) -> tuple[int | None, int | None] | None:
-    """Read `A:B`, of a number of frames that is not known yet; None for all."""
-    if text is None:
-        return None
-    found = re.fullmatch(r"\s*(\d*)\s*:\s*(\d*)\s*", text)
-    if found is None or (found[1] and found[2] and int(found[1]) >= int(found[2])):
-        raise InputError(f"--frames is {text!r}; A:B with A < B was expected, such as 10:40, 10: or :40.")
-    return (int(found[1]) if found[1] else None), (int(found[2]) if found[2] else None)
 
 
 def _pixels(texts: tuple[str, ...]) -> dict[str, tuple[float, float]]:

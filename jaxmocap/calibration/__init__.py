@@ -7,6 +7,7 @@
 """
 
 from ._calibrate import Calibration as Calibration, calibrate as calibrate, refuse_gaps as refuse_gaps
+from ._footage import usual_focal as usual_focal
 from ._in_place import (
     adopt_cameras as adopt_cameras,
     calibrate_in_place as calibrate_in_place,

@@ -93,6 +93,12 @@ def calibrate(
     began = time.perf_counter()
     recorded = as_recorded(capture)
     _refuse_numbers(height, camera_distance, up)
+    first, end = frames[0], recorded.num_frames if frames[1] is None else frames[1]
+    if not 0 <= first < end <= recorded.num_frames:
+        raise InputError(
+            f"frames {first}:{end} are wanted, but the capture has {recorded.num_frames} shared frames, 0 to "
+            f"{recorded.num_frames - 1}"
+        )
     file = None if intrinsics is None else Path(intrinsics)
     footage = footage_of(recorded, focal, key_step, cores(), seed)
     lengths, source = known_bone_lengths(recorded, height)
@@ -107,7 +113,7 @@ def calibrate(
         route.run(work, progress)
         solved = Solved.read(work / "result.npz", recorded)
         interpolated = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
-        refuse_gaps(recorded, interpolated, frames)
+        refuse_gaps(recorded, interpolated, (first, end))
         views = subject_views(recorded, solved, keypoints)
         scale = find_scale(solved, views, lengths, source, camera_distance)
         people = [triangulate_views(view) for view in views]

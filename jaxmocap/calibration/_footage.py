@@ -160,7 +160,7 @@ def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: in
                 size=index.size,
                 first=first,
                 last=last,
-                focal=focal.get(name) or told or _USUAL * max(index.size),
+                focal=focal.get(name) or usual_focal(index.path, index.size),
                 focal_known=name in focal,
                 focal_told=told is not None,
                 boxes=_boxes(capture, name, range(first, last + 1)),
@@ -204,6 +204,11 @@ def keypoints_of(capture: Capture, most: int = 30) -> dict[int, np.ndarray]:
         people = [capture.keypoints(camera, frame) for camera in range(capture.num_cameras)]
         found[frame] = np.stack([np.zeros((25, 3)) if person is None else person for person in people])
     return found
+
+
+def usual_focal(path: Path, size: tuple[int, int]) -> float:
+    """Guess a focal length in pixels: what the video tells of it, else that of phones."""
+    return told_focal(path, size) or _USUAL * max(size)
 
 
 def told_focal(path: Path, size: tuple[int, int]) -> float | None:

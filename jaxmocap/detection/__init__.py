@@ -2,7 +2,7 @@
 person in pictures and follow one through a video."""
 
 from ._cards import CARDS as CARDS, ModelCard as ModelCard, ModelName as ModelName
-from ._files import VideoKeypoints as VideoKeypoints
+from ._files import VideoKeypoints as VideoKeypoints, write_body_25 as write_body_25
 from ._follow import FollowedPerson as FollowedPerson, believed as believed, follow_person as follow_person
 from ._layouts import (
     BODY_25 as BODY_25,
@@ -18,4 +18,3 @@ from ._read import best_person as best_person, read_people as read_people, read_
 from ._region import Region as Region
 from ._runner import require_runner as require_runner
 from ._weights import Weights as Weights, get_weights as get_weights
-from ._write import write_body_25 as write_body_25

@@ -1,9 +1,17 @@
-"""Where the keypoints of a video lie: one file per picture, or one for the whole video, by the names programs give."""
+"""Where the keypoints of a video lie: one file per picture, or one for the whole video, by the names programs give;
+and a file of one picture, written."""
 
+import json
 import re
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+
+from jaxmocap._files import write_text
 
 from ._layouts import LayoutName
 from ._read import People, Size, people_at, read_people
@@ -99,3 +107,14 @@ def _kept_listing(folder: Path, changed: int) -> dict[int, Path]:
         if (name := _INSIDE.fullmatch(file.name)) and file.is_file():
             found.setdefault(int(name[1]), file)
     return found
+
+
+def write_body_25(file: Path, points: Float64[np.ndarray, "25 3"], **about: Any) -> None:
+    """Write the BODY_25 points (x, y in the video's pixels, confidence) of one person, atomically.
+
+    The file is in OpenPose's form and says how its points are laid out. Nobody is there where no point has a
+    confidence. `about` are further entries, which readers pass over.
+    """
+    rows = [[round(float(x), 2), round(float(y), 2), round(float(c), 4)] if c > 0 else [0, 0, 0] for x, y, c in points]
+    people = [{"pose_keypoints_2d": [number for row in rows for number in row]}] if any(row[2] for row in rows) else []
+    write_text(file, json.dumps({"version": 1.3, "keypoint_layout": "body25", **about, "people": people}) + "\n")

@@ -42,7 +42,7 @@ def run(
     height: float | None = None,
     camera_distance: float | None = None,
     focal: Mapping[str, float] | None = None,
-    frames: tuple[int | None, int | None] | None = None,
+    frames: tuple[int, int | None] = (0, None),
     quality: Quality = "normal",
     actor: str | Path | None = None,
     person: Mapping[str, tuple[float, float]] | None = None,
@@ -64,7 +64,7 @@ def run(
 
     `height` is the person's, `camera_distance` that of the first two cameras at their first shared frame, both in
     metres; one of them, or an `actor` (a scan or a character), tells the scale. `focal` lengths in pixels, by camera,
-    are kept. `frames` (A, B) are A to B - 1 of the shared ones; None leaves an end open. `person` are pixels on the
+    are kept. `frames` (A, B) are A to B - 1 of the shared ones; None is the end. `person` are pixels on the
     person in the first picture, by camera; `weights` a detector's networks; `keypoints` a folder of another detector's
     files; `static` says that all cameras stand still, whatever the background says. With `detections` keypoints count
     beside the pixels while tracking. With one video the camera is taken to stand still and level.
@@ -76,7 +76,7 @@ def run(
         height=height,
         camera_distance=camera_distance,
         focal=dict(focal or {}),
-        frames=frames or (None, None),
+        frames=frames,
         quality=quality,
         actor=_path(actor),
         person=dict(person or {}),

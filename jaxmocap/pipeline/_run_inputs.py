@@ -96,9 +96,8 @@ class RunInputs:
             for number, camera in enumerate(json.loads(report.read_text(encoding="utf-8"))["cameras"].values())
             for frame in camera["interpolated"]
         }
-        start, end = self.options.frames
         try:
-            refuse_gaps(Capture.open(self.folder, with_cameras=False), lost, (start or 0, end))
+            refuse_gaps(Capture.open(self.folder, with_cameras=False), lost, self.options.frames)
         except InputError:
             return True
         return False

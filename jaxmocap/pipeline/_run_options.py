@@ -19,7 +19,7 @@ class RunOptions:
         height: of the person, metres; None: not known.
         camera_distance: metres between the first two cameras at their first shared frame; None: not known.
         focal: pixels, by camera.
-        frames: (first, behind the last) of the shared frames to track; None for an end that is left open.
+        frames: (first, behind the last) of the shared frames to track; None for the end.
         quality: preset of the tracker.
         actor: the person's mesh or character; None: the built-in body is made to measure.
         person: pixel on the person in the first picture, by camera.
@@ -33,7 +33,7 @@ class RunOptions:
     height: float | None = None
     camera_distance: float | None = None
     focal: Mapping[str, float] = field(default_factory=dict)
-    frames: tuple[int | None, int | None] = (None, None)
+    frames: tuple[int, int | None] = (0, None)
     quality: Quality = "normal"
     actor: Path | None = None
     person: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -59,9 +59,12 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
         raise InputError(f"{twice} is given twice; give every video once")
     start, stop = options.frames
     shortest = min(indices, key=lambda index: index.num_frames)
-    if max(start or 0, (stop or 1) - 1) >= shortest.num_frames:
-        asked = f"{'' if start is None else start}:{'' if stop is None else stop}"
-        raise InputError(f"frames {asked} were asked for, but {shortest.path.name} has {shortest.num_frames} frames")
+    behind = shortest.num_frames if stop is None else stop
+    if not 0 <= start < behind <= shortest.num_frames:
+        raise InputError(
+            f"frames {start}:{'' if stop is None else stop} were asked for, but {shortest.path.name} has "
+            f"{shortest.num_frames} frames, 0 to {shortest.num_frames - 1}"
+        )
     if options.height is not None:
         check_height(options.height)
     for what, path in (("actor", options.actor), ("weights", options.weights), ("keypoints", options.keypoints)):

@@ -82,7 +82,7 @@ def _estimate(work: RunWork, stage: Stage) -> float:
         return before
     counts = [index.num_frames for index in work.indices]
     start, stop = work.options.frames
-    tracked = max(min(counts[0] if stop is None else stop, counts[0]) - (start or 0), 1)
+    tracked = max(min(counts[0] if stop is None else stop, counts[0]) - start, 1)
     seconds = _ONCE.get(stage.name, 0.0) + _PER_PICTURE.get(stage.name, 0.0) * sum(counts)
     if stage.name == "calibrate" and not work.several:
         return 1.0

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from jaxmocap._files import atomic_folder, atomic_path, free_name, write_text
 from jaxmocap._results import InputError
+from jaxmocap.calibration import usual_focal
 from jaxmocap.camera import Cameras, write_cameras
 from jaxmocap.capture import Capture, camera_names, config_path, new_capture_text, video_names, with_lines
 from jaxmocap.motion import Motion
@@ -27,9 +29,6 @@ from ._track_capture import track_capture
 RESULT = "result"
 """Folder of a run in which its first result lies."""
 
-FOCAL = 0.8
-"""Focal length of a phone's main camera as a share of the longer side of its pictures."""
-
 _AS_FOUND = "keypoints as found"
 """What the record calls the keypoints that nobody has corrected."""
 
@@ -46,10 +45,10 @@ class RunWork(RunInputs):
 
     def _span(self, capture: Capture) -> tuple[int, int] | None:
         """Find the frames to track, within those the videos share."""
-        start, stop = self.options.frames
-        if start is None and stop is None:
+        first, stop = self.options.frames
+        if first == 0 and stop is None:
             return None
-        first, behind = start or 0, capture.num_frames if stop is None else stop
+        behind = capture.num_frames if stop is None else stop
         if not 0 <= first < behind <= capture.num_frames:
             raise InputError(
                 f"frames {first}:{behind} were asked for, but the videos share {capture.num_frames} frames, 0 to "
@@ -142,7 +141,7 @@ class RunWork(RunInputs):
             height=options.height,
             camera_distance=options.camera_distance,
             focal=dict(options.focal),
-            static=options.static,
+            static=options.static or None,
             frames=self._span(self._open(with_cameras=False)),
             seed=options.seed,
             say=self.say,
@@ -156,7 +155,7 @@ class RunWork(RunInputs):
         """Take a camera that stands still and level, for one video tells neither its way nor the ground."""
         capture = self._open(with_cameras=False).as_recorded()
         name, size = capture.camera_names[0], capture.recorded_sizes[0]
-        focal = self.options.focal.get(name, FOCAL * max(size))
+        focal = self.options.focal.get(name) or usual_focal(capture.indices[0].path, size)
         if name not in self.options.focal:
             self.say(
                 f"One video does not tell the lens: a focal length of {focal:.0f} pixels is assumed, a phone's; say a "
@@ -178,7 +177,7 @@ class RunWork(RunInputs):
             character = open_actor(options.actor, self.say)
         else:
             key = jax.random.key(options.seed)
-            capture = self._open()._with(actor=None)
+            capture = replace(self._open(), actor=None)
             made = character_of(capture, height=options.height, key=key, say=self.say, progress=self.progress)
             character = made.character
         file = free_name(self.folder, "actor", ".glb")
@@ -193,7 +192,7 @@ class RunWork(RunInputs):
     def select(self) -> Any:
         """Choose the selected frames."""
         capture = self._open()
-        _, chosen = with_selected_frames(capture._with(selected_frames=None), within=self._span(capture) or (0, None))
+        _, chosen = with_selected_frames(replace(capture, selected_frames=None), within=self.options.frames)
         self._set(selected_frames=chosen["frames"])
         self.say(f"Selected frames: {', '.join(map(str, chosen['frames']))}; {chosen['reason']}.")
         return chosen["frames"]

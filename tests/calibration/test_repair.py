@@ -8,7 +8,7 @@ from moving_cameras import FOCAL, centres_of, paths, project
 from scipy.spatial.transform import Rotation
 
 from jaxmocap._results import InputError
-from jaxmocap.calibration import refuse_gaps
+from jaxmocap.calibration import calibrate, refuse_gaps
 from jaxmocap.calibration._features import Features
 from jaxmocap.calibration._footage import Footage, VideoFootage
 from jaxmocap.calibration._registration import Model, Sightings
@@ -97,3 +97,5 @@ def test_a_long_gap_is_refused_where_frames_are_wanted(small):
         refuse_gaps(capture, lost, (0, None))
     refuse_gaps(capture, lost, (9, None))
     refuse_gaps(capture, lost, (0, 2))
+    with pytest.raises(InputError, match="frames 9:3 are wanted, but the capture has 12 shared frames, 0 to 11"):
+        calibrate(capture, camera_distance=1.0, frames=(9, 3))
