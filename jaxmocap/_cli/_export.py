@@ -18,7 +18,8 @@ def export(
         tuple[Path, ...],
         tyro.conf.arg(
             metavar="FILE ...",
-            help="New files, each in the format of its suffix: .glb .bvh .c3d .trc .mot .csv .parquet .usd .colmap.",
+            help="New files, each in the format of its suffix: .glb .bvh .c3d .trc .mot .osim .csv .parquet .usd "
+            ".colmap.",
         ),
     ],
     units: Annotated[
@@ -38,6 +39,14 @@ def export(
         ),
     ] = None,
     actor: ActorFile = None,
+    mass: Annotated[
+        float | None,
+        tyro.conf.arg(
+            metavar="KG",
+            help="The person's mass, for .osim.",
+            help_behavior_hint="(default: that of the mesh, of water)",
+        ),
+    ] = None,
     json: Json = False,
 ) -> int:
     """Write the motion for other programs: Blender, Unreal, OpenSim, Mokka, COLMAP, spreadsheets."""
@@ -46,13 +55,27 @@ def export(
 
     if len(set(to)) < len(to):
         raise InputError("--to names a file twice; give every file once.")
-    for path in to:
-        checked_exporter(path, EXPORTERS, units, up, frame_rate)
-    motion = Motion.load(result)
-    written = []
-    for path in to:
-        form = export_motion(motion, path, EXPORTERS, units=units, up=up, frame_rate=frame_rate, actor=actor, say=say)
-        written.append({"file": path, "units": form.units, "up": form.up, "frame_rate": form.frame_rate})
+    parts = {path: checked_exporter(path, EXPORTERS, units, up, frame_rate, mass).parts(path) for path in to}
+    beside = {part: path for path in to for part in parts[path] if part != path}
+    motion, forms = Motion.load(result), {}
+    for path in sorted(to, key=beside.__contains__):
+        forms[path] = forms.get(beside.get(path)) or export_motion(
+            motion,
+            path,
+            EXPORTERS,
+            units=units,
+            up=up,
+            frame_rate=frame_rate,
+            actor=actor,
+            mass=mass,
+            say=say,
+        )
+    written = [
+        {"file": part, "units": forms[path].units, "up": forms[path].up, "frame_rate": forms[path].frame_rate}
+        for path in to
+        for part in parts[path]
+        if part == path or part not in to
+    ]
     show({"files": written}, lambda: _table(written), json_wanted=json)
     return 0
 

@@ -18,6 +18,7 @@ from ._exporter import (
 )
 from ._glb import write_glb as write_glb
 from ._opensim import write_mot as write_mot, write_trc as write_trc
+from ._opensim_model import GEOMETRY, write_osim as write_osim, write_osim_geometry
 from ._tables import write_csv as write_csv, write_parquet as write_parquet
 from ._usd import write_usd as write_usd
 
@@ -27,6 +28,9 @@ EXPORTERS: dict[str, Exporter] = {
     ".c3d": Exporter(write_c3d, units="mm", even=True),
     ".trc": Exporter(write_trc, units="mm", up="y", even=True),
     ".mot": Exporter(write_mot, units="m", up="y", fixed=True),
+    ".osim": Exporter(
+        write_osim, units="m", up="y", fixed=True, beside={".mot": write_mot, GEOMETRY: write_osim_geometry}
+    ),
     ".csv": Exporter(write_csv),
     ".parquet": Exporter(write_parquet),
     ".usd": Exporter(write_usd),
@@ -45,16 +49,18 @@ def export(
     up: Up | None = None,
     frame_rate: float | None = None,
     actor: str | Path | None = None,
+    mass: float | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Path:
     """Write a motion, or that of a result folder, for another program; the format goes by the suffix. Returns `path`.
 
     `units` are "m", "cm" or "mm" and `up` is the vertical axis, "y" or "z"; `docs/conventions.md` has each format's
     own. `frame_rate` in frames per second resamples by interpolation. A GLB is written on the rig of the file that the
-    character came from; `actor` names it where it is not the one the result remembers. `say` is told
+    character came from; `actor` names it where it is not the one the result remembers. An OSIM has its MOT and a folder
+    of meshes beside it, and `mass` is the person's in kilograms; it is guessed from the mesh otherwise. `say` is told
     what is worth a sentence. Raises `InputError` for an unknown suffix, a file that exists, and what a format cannot
     hold; nothing is left behind then.
     """
     path = Path(path)
-    export_motion(result, path, EXPORTERS, units=units, up=up, frame_rate=frame_rate, actor=actor, say=say)
+    export_motion(result, path, EXPORTERS, units=units, up=up, frame_rate=frame_rate, actor=actor, mass=mass, say=say)
     return path

@@ -1,5 +1,6 @@
 """What every exporter is, what its format asks for, and how one is run on a motion or a result folder."""
 
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,6 +34,7 @@ class ExportForm:
         up: the vertical axis, "y" or "z"; y by default.
         frame_rate: frames per second; None where the time between frames varies.
         actor: the character's own file, where one is named; None by default.
+        mass: of the person, kilograms; None, the default, where it is not known.
         say: takes sentences that the user should know; nothing listens by default.
     """
 
@@ -41,12 +43,16 @@ class ExportForm:
     up: Up = "y"
     frame_rate: float | None = None
     actor: Path | None = None
+    mass: float | None = None
     say: Callable[[str], None] = _silent
 
     @property
     def per_metre(self) -> float:
         """Tell what lengths in metres are multiplied by."""
         return PER_METRE[self.units]
+
+
+Write = Callable[[Motion, Path, ExportForm], None]
 
 
 class Exporter(NamedTuple):
@@ -64,15 +70,22 @@ class Exporter(NamedTuple):
         resamples: whether the frame rate may change, unlike where frames must stay those of the videos; by default it
             may.
         folder: whether a folder is written instead of a file; not by default.
+        beside: what else is written, by how its name ends in place of the suffix: a file if that begins with a dot, a
+            folder otherwise. Nothing by default.
     """
 
-    write: Callable[[Motion, Path, ExportForm], None]
+    write: Write
     units: Units = "m"
     up: Up | None = None
     fixed: bool = False
     even: bool = False
     resamples: bool = True
     folder: bool = False
+    beside: Mapping[str, Write] = {}
+
+    def parts(self, path: Path) -> dict[Path, Write]:
+        """List what is written for a path, the path itself first."""
+        return {path: self.write} | {path.with_name(path.stem + ending): write for ending, write in self.beside.items()}
 
 
 def export_motion(
@@ -84,14 +97,15 @@ def export_motion(
     up: Up | None,
     frame_rate: float | None,
     actor: str | Path | None,
+    mass: float | None = None,
     say: Callable[[str], None] | None,
 ) -> ExportForm:
     """Do what `export` says; return how the file was written."""
     path = Path(path)
-    exporter = checked_exporter(path, exporters, units, up, frame_rate)
+    exporter = checked_exporter(path, exporters, units, up, frame_rate, mass)
     motion = result if isinstance(result, Motion) else Motion.load(result)
     form = ExportForm(path.name, units or exporter.units, up or exporter.up or _up(motion))
-    form = replace(form, actor=None if actor is None else Path(actor), say=say or form.say)
+    form = replace(form, actor=None if actor is None else Path(actor), mass=mass, say=say or form.say)
     motion = continuous(turned(motion, form.up))
     rate = frame_rate_of(motion)
     if frame_rate is not None and frame_rate != rate:
@@ -103,33 +117,40 @@ def export_motion(
     form = replace(form, frame_rate=frame_rate or rate)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if exporter.folder:
-            with atomic_folder(path) as temporary:
-                exporter.write(motion, temporary, form)
-        else:
-            with atomic_path(path) as temporary:
-                exporter.write(motion, temporary, form)
+        with contextlib.ExitStack() as stack:
+            for part, write in exporter.parts(path).items():
+                folder = exporter.folder if part == path else not part.suffix
+                temporary = stack.enter_context(atomic_folder(part) if folder else atomic_path(part))
+                write(motion, temporary, replace(form, name=part.name))
     except OSError as error:
         raise InputError(f"{path} cannot be written ({error.strerror or error}); choose another place.") from error
     return form
 
 
 def checked_exporter(
-    path: Path, exporters: Mapping[str, Exporter], units: str | None, up: str | None, frame_rate: float | None
+    path: Path,
+    exporters: Mapping[str, Exporter],
+    units: str | None,
+    up: str | None,
+    frame_rate: float | None,
+    mass: float | None = None,
 ) -> Exporter:
     """Find the exporter of a path. Raises `InputError` where nothing can be written there, or not in this way."""
     exporter = exporters.get(path.suffix.lower())
     if exporter is None:
         found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
         raise InputError(f"{path} has {found}, which names no format; expected one of {', '.join(exporters)}.")
-    if path.exists():
-        raise InputError(f"{path} exists already; choose a new file.")
+    for part in exporter.parts(path):
+        if part.exists():
+            raise InputError(f"{part} exists already; choose a new file.")
     if units is not None and units not in UNITS:
         raise InputError(f"units are {units!r}; expected one of {', '.join(UNITS)}.")
     if up is not None and up not in ("y", "z"):
         raise InputError(f"up is {up!r}; expected y or z.")
     if frame_rate is not None and not (np.isfinite(frame_rate) and frame_rate > 0):
         raise InputError(f"the frame rate is {frame_rate:g}; expected frames per second, more than 0.")
+    if mass is not None and not (np.isfinite(mass) and mass > 0):
+        raise InputError(f"the mass is {mass:g}; expected the person's in kilograms, more than 0.")
     given = [("units", units, exporter.units), ("up", up, exporter.up)]
     for name, value, own in given:
         if exporter.fixed and value not in (None, own):

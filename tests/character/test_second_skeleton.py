@@ -248,7 +248,7 @@ def test_csv_has_a_column_per_angle(motion, tmp_path):
     assert sum(name.endswith("_deg") for name in rows[0]) == 3 + motion.character.skeleton.num_angles
 
 
-@pytest.mark.parametrize("suffix", [".usda", ".trc", ".mot", ".c3d"])
+@pytest.mark.parametrize("suffix", [".usda", ".trc", ".mot", ".osim", ".c3d"])
 def test_the_other_formats_take_it_too(motion, tmp_path, suffix):
     assert export(motion, tmp_path / f"arm{suffix}").stat().st_size > 0
 

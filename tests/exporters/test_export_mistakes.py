@@ -25,7 +25,8 @@ def test_the_command_writes_every_file_asked_for(result, even, tmp_path, capsys)
     files = [tmp_path / f"dance{suffix}" for suffix in WRITABLE]
     assert run(["export", str(result), "--to", *map(str, files), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["files"]
-    assert [Path(row["file"]) for row in told] == files
+    assert {Path(row["file"]) for row in told} == {*files, tmp_path / "dance_geometry"}
+    assert len(told) == len(files) + 1
     assert all(file.exists() for file in files)
     assert {row["units"] for row in told} == {"m", "mm"}
     assert told[0]["frame_rate"] == pytest.approx(30)
@@ -75,5 +76,5 @@ def test_units_that_are_none_are_refused_in_python_too(even, tmp_path):
 
 def test_a_single_frame_can_be_exported_everywhere(even, tmp_path):
     for suffix in WRITABLE:
-        assert jm.export(even[:1], tmp_path / f"one{suffix}").exists()
+        assert jm.export(even[:1], tmp_path / suffix / f"one{suffix}").exists()
     assert np.isfinite(even.joints).all()
