@@ -152,7 +152,7 @@ def test_the_baseline_of_contributing_stays_where_it_was_registered(shown, tmp_p
 def test_the_table_of_exports_is_the_code_s():
     text = (ROOT / "docs" / "conventions.md").read_text()
     rows = re.findall(
-        r"^\| `(\.\w+)` \| .+? \| (m|mm)(, fixed)? \| (y|z|the motion's)(, fixed)? \|", text, re.MULTILINE
+        r"^\| `(\.[\w.]+)` \| .+? \| (m|mm)(, fixed)? \| (y|z|the motion's)(, fixed)? \|", text, re.MULTILINE
     )
     expected = [
         (suffix, one.units, ", fixed" * one.fixed, one.up or "the motion's", ", fixed" * one.fixed)

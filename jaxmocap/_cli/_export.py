@@ -18,8 +18,8 @@ def export(
         tuple[Path, ...],
         tyro.conf.arg(
             metavar="FILE ...",
-            help="New files, each in the format of its suffix: .glb .bvh .c3d .trc .mot .osim .csv .parquet .usd "
-            ".colmap.",
+            help="New files, each in the format of its suffix: .glb .bvh .c3d .trc .mot .osim .csv .isb.csv "
+            ".isb.mot .gait.json .parquet .usd .colmap.",
         ),
     ],
     units: Annotated[

@@ -16,7 +16,10 @@ from ._exporter import (
     checked_exporter as checked_exporter,
     export_motion as export_motion,
 )
+from ._gait import Gait as Gait, gait as gait, write_gait as write_gait
 from ._glb import write_glb as write_glb
+from ._isb import IsbAngles as IsbAngles, isb_angles as isb_angles
+from ._isb_tables import write_isb_csv as write_isb_csv, write_isb_mot as write_isb_mot
 from ._opensim import write_mot as write_mot, write_trc as write_trc
 from ._opensim_model import GEOMETRY, write_osim as write_osim, write_osim_geometry
 from ._tables import write_csv as write_csv, write_parquet as write_parquet
@@ -32,6 +35,9 @@ EXPORTERS: dict[str, Exporter] = {
         write_osim, units="m", up="y", fixed=True, beside={".mot": write_mot, GEOMETRY: write_osim_geometry}
     ),
     ".csv": Exporter(write_csv),
+    ".isb.csv": Exporter(write_isb_csv, units="m", up="y", fixed=True),
+    ".isb.mot": Exporter(write_isb_mot, units="m", up="y", fixed=True),
+    ".gait.json": Exporter(write_gait, units="m", up="y", fixed=True),
     ".parquet": Exporter(write_parquet),
     ".usd": Exporter(write_usd),
     ".usda": Exporter(write_usd),

@@ -136,7 +136,8 @@ def checked_exporter(
     mass: float | None = None,
 ) -> Exporter:
     """Find the exporter of a path. Raises `InputError` where nothing can be written there, or not in this way."""
-    exporter = exporters.get(path.suffix.lower())
+    both = "".join(path.suffixes[-2:]).lower()
+    exporter = exporters.get(both) or exporters.get(path.suffix.lower())
     if exporter is None:
         found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
         raise InputError(f"{path} has {found}, which names no format; expected one of {', '.join(exporters)}.")

@@ -1,5 +1,6 @@
 """TRC and MOT: markers and joint angles for OpenSim."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,22 +48,27 @@ def write_mot(motion: Motion, path: Path, form: ExportForm) -> None:
     values = coordinates_of(motion)
     values[:, :3], values[:, 6:] = np.degrees(values[:, :3]), np.degrees(values[:, 6:])
     rate = "the time between frames varies" if form.frame_rate is None else f"{form.frame_rate:.6g} frames per second"
-    lines = [
-        form.name,
-        "version=1",
-        f"nRows={len(motion)}",
-        f"nColumns={1 + values.shape[1]}",
-        "inDegrees=yes",
-        "",
+    notes = [
         f"Metres and degrees, y up, {rate}.",
         "Joint angles are measured from the neutral body: arms straight out to the sides, palms down, legs straight.",
-        "",
-        "endheader",
-        "\t".join(["time", *PELVIS, *motion.character.skeleton.angle_names]),
     ]
-    for seconds, row in zip(motion.timestamps, values, strict=True):
+    names = (*PELVIS, *motion.character.skeleton.angle_names)
+    write_text(path, mot_text(form.name, notes, names, motion.timestamps, values))
+
+
+def mot_text(
+    name: str,
+    notes: Sequence[str],
+    names: Sequence[str],
+    timestamps: Float[np.ndarray, " frame"],
+    values: Float[np.ndarray, "frame column"],
+) -> str:
+    """Write down a MOT in degrees: a head with notes, then a column of seconds and one per name."""
+    head = [name, "version=1", f"nRows={len(values)}", f"nColumns={1 + len(names)}", "inDegrees=yes", "", *notes, ""]
+    lines = [*head, "endheader", "\t".join(["time", *names])]
+    for seconds, row in zip(timestamps, values, strict=True):
         lines.append("\t".join([f"{seconds:.6f}", *(f"{value:.6f}" for value in row)]))
-    write_text(path, "\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
 def coordinates_of(motion: Motion) -> Float[np.ndarray, "frame dof"]:

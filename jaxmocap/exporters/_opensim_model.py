@@ -165,11 +165,11 @@ def _shift(axes: np.ndarray) -> float:
 
 def _completed(axes: np.ndarray) -> list[np.ndarray]:
     """Add axes that nothing turns about, to three."""
-    axes = list(axes)
-    while len(axes) < 3:
-        new = np.cross(axes[0], axes[1] if len(axes) == 2 else np.eye(3)[np.abs(axes[0]).argmin()])
-        axes.append(new / np.linalg.norm(new))
-    return axes
+    three = list(axes)
+    while len(three) < 3:
+        new = np.cross(three[0], three[1] if len(three) == 2 else np.eye(3)[np.abs(three[0]).argmin()])
+        three.append(new / np.linalg.norm(new))
+    return three
 
 
 def _joint(

@@ -14,6 +14,7 @@ _EVEN = 0.01
 ORDERS = (("ZXY",), ("ZYX", "XYZ", "YXZ"), ("XZY", "YZX"))
 """Orders of axes: one that every program reads, those that most do, and the rest."""
 _NEAR_LOCK = np.radians(70.0)  # of the middle angle
+_LOCK = 1e-3  # radians from gimbal lock at which single precision no longer tells two angles apart
 
 
 def neutral_angles(motion: Motion) -> Float[np.ndarray, "frame angle"]:
@@ -61,15 +62,43 @@ def best_order(matrices: Float[np.ndarray, "frame 3 3"]) -> str:
 def euler_angles(matrices: Float[np.ndarray, "frame 3 3"], order: str) -> Float[np.ndarray, "frame 3"]:
     """Decompose rotations into radians about the axes of `order`, each axis turned by the ones before it: R = R1 R2 R3.
 
-    Of the two equivalent sets of angles, and of whole turns, each frame takes those nearest to the frame before.
+    Of the two equivalent sets of angles, and of whole turns, each frame takes those nearest to the frame before. In
+    gimbal lock, where only the sum of the first and last angle is known, the first one stays as before, or as after
+    where the motion begins so.
     """
-    angles = _angles(Rotation.from_matrix(matrices), order)
-    for frame in range(1, len(angles)):
-        before, now = angles[frame - 1], angles[frame]
-        equivalent = np.array([now[0] + np.pi, np.pi - now[1], now[2] + np.pi])
-        near = [values - 2 * np.pi * np.round((values - before) / (2 * np.pi)) for values in (now, equivalent)]
-        angles[frame] = min(near, key=lambda values: np.abs(values - before).sum())
+    rotations = Rotation.from_matrix(matrices)
+    angles = _angles(rotations, order)
+    locked = np.abs(np.sin(angles[:, 1]) if order[0] == order[2] else np.cos(angles[:, 1])) < _LOCK
+    start = int(np.argmin(locked))  # the first frame that is not locked
+    for frame in [*range(start + 1, len(angles)), *range(start - 1, -1, -1)]:
+        before = angles[frame - 1 if frame > start else frame + 1]
+        if locked[frame]:
+            first = Rotation.from_euler(order[:2], [before[0], angles[frame, 1]])
+            angles[frame, [0, 2]] = before[0], _about(order[2], first.inv() * rotations[frame])
+        angles[frame] = _nearest(angles[frame], order, before)
     return angles
+
+
+def euler_angles_near(
+    matrices: Float[np.ndarray, "*n 3 3"], order: str, near: Float[np.ndarray, "*n 3"]
+) -> Float[np.ndarray, "*n 3"]:
+    """Decompose rotations as `euler_angles` does, each into the angles nearest to given ones."""
+    angles = _angles(Rotation.from_matrix(matrices.reshape(-1, 3, 3)), order).reshape(matrices.shape[:-1])
+    return _nearest(angles, order, near)
+
+
+def _nearest(angles: np.ndarray, order: str, near: np.ndarray) -> np.ndarray:
+    middle = -angles[..., 1] if order[0] == order[2] else np.pi - angles[..., 1]
+    other = np.stack([angles[..., 0] + np.pi, middle, angles[..., 2] + np.pi], axis=-1)
+    sets = [values - 2 * np.pi * np.round((values - near) / (2 * np.pi)) for values in (angles, other)]
+    first, second = (np.abs(values - near).sum(axis=-1, keepdims=True) for values in sets)
+    return np.where(first <= second, *sets)
+
+
+def _about(axis: str, rotation: Rotation) -> float:
+    """Measure a turn about x, y or z, radians."""
+    x, y, z, w = rotation.as_quat()
+    return float(2 * np.arctan2({"X": x, "Y": y, "Z": z}[axis], w))
 
 
 def _angles(rotations: Rotation, order: str) -> np.ndarray:
