@@ -47,6 +47,14 @@ def export(
             help_behavior_hint="(default: that of the mesh, of water)",
         ),
     ] = None,
+    opensim_model: Annotated[
+        tuple[Path, ...],
+        tyro.conf.arg(
+            metavar="FILE ...",
+            help="Another model for .osim, scaled and moved by OpenSim; its marker set after it, if that is a file.",
+            help_behavior_hint="(default: a model of this person)",
+        ),
+    ] = (),
     json: Json = False,
 ) -> int:
     """Write the motion for other programs: Blender, Unreal, OpenSim, Mokka, COLMAP, spreadsheets."""
@@ -55,7 +63,10 @@ def export(
 
     if len(set(to)) < len(to):
         raise InputError("--to names a file twice; give every file once.")
-    parts = {path: checked_exporter(path, EXPORTERS, units, up, frame_rate, mass).parts(path) for path in to}
+    checked = {path: checked_exporter(path, EXPORTERS, units, up, frame_rate, mass, opensim_model) for path in to}
+    if opensim_model and not any(EXPORTERS[".osim"].driven is exporter for exporter in checked.values()):
+        raise InputError("--opensim-model is for .osim, which --to does not name; add one, or leave the model out.")
+    parts = {path: exporter.parts(path) for path, exporter in checked.items()}
     beside = {part: path for path in to for part in parts[path] if part != path}
     motion, forms = Motion.load(result), {}
     for path in sorted(to, key=beside.__contains__):
@@ -68,6 +79,7 @@ def export(
             frame_rate=frame_rate,
             actor=actor,
             mass=mass,
+            opensim_model=opensim_model,
             say=say,
         )
     written = [

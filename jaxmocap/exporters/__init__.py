@@ -1,8 +1,9 @@
 """Exporters: a motion as a file of another program, one format per module."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from jaxmocap._results import InputError
 from jaxmocap.motion import Motion
 
 from ._bvh import write_bvh as write_bvh
@@ -21,6 +22,7 @@ from ._glb import write_glb as write_glb
 from ._isb import IsbAngles as IsbAngles, isb_angles as isb_angles
 from ._isb_tables import write_isb_csv as write_isb_csv, write_isb_mot as write_isb_mot
 from ._opensim import write_mot as write_mot, write_trc as write_trc
+from ._opensim_drive import write_driven_mot, write_driven_osim
 from ._opensim_model import GEOMETRY, write_osim as write_osim, write_osim_geometry
 from ._tables import write_csv as write_csv, write_parquet as write_parquet
 from ._usd import write_usd as write_usd
@@ -32,7 +34,12 @@ EXPORTERS: dict[str, Exporter] = {
     ".trc": Exporter(write_trc, units="mm", up="y", even=True),
     ".mot": Exporter(write_mot, units="m", up="y", fixed=True),
     ".osim": Exporter(
-        write_osim, units="m", up="y", fixed=True, beside={".mot": write_mot, GEOMETRY: write_osim_geometry}
+        write_osim,
+        units="m",
+        up="y",
+        fixed=True,
+        beside={".mot": write_mot, GEOMETRY: write_osim_geometry},
+        driven=Exporter(write_driven_osim, units="m", up="y", fixed=True, beside={".mot": write_driven_mot}),
     ),
     ".csv": Exporter(write_csv),
     ".isb.csv": Exporter(write_isb_csv, units="m", up="y", fixed=True),
@@ -56,6 +63,7 @@ def export(
     frame_rate: float | None = None,
     actor: str | Path | None = None,
     mass: float | None = None,
+    opensim_model: Sequence[str | Path] = (),
     say: Callable[[str], None] | None = None,
 ) -> Path:
     """Write a motion, or that of a result folder, for another program; the format goes by the suffix. Returns `path`.
@@ -63,10 +71,24 @@ def export(
     `units` are "m", "cm" or "mm" and `up` is the vertical axis, "y" or "z"; `docs/conventions.md` has each format's
     own. `frame_rate` in frames per second resamples by interpolation. A GLB is written on the rig of the file that the
     character came from; `actor` names it where it is not the one the result remembers. An OSIM has its MOT and a folder
-    of meshes beside it, and `mass` is the person's in kilograms; it is guessed from the mesh otherwise. `say` is told
-    what is worth a sentence. Raises `InputError` for an unknown suffix, a file that exists, and what a format cannot
-    hold; nothing is left behind then.
+    of meshes beside it, and `mass` is the person's in kilograms; it is guessed from the mesh otherwise. With
+    `opensim_model`, a model of somebody else's (and its marker set, where that is a file of its own), OpenSim scales
+    that one to the person and solves for our markers instead. `say` is told what is worth a sentence. Raises
+    `InputError` for an unknown suffix, a file that exists, and what a format cannot hold; nothing is left behind then.
     """
-    path = Path(path)
-    export_motion(result, path, EXPORTERS, units=units, up=up, frame_rate=frame_rate, actor=actor, mass=mass, say=say)
+    path, files = Path(path), tuple(Path(file) for file in opensim_model)
+    if files and not checked_exporter(path, EXPORTERS, units, up, frame_rate).driven:
+        raise InputError(f"{path} is no .osim, for which alone a model of OpenSim's is driven; leave the model out.")
+    export_motion(
+        result,
+        path,
+        EXPORTERS,
+        units=units,
+        up=up,
+        frame_rate=frame_rate,
+        actor=actor,
+        mass=mass,
+        opensim_model=files,
+        say=say,
+    )
     return path

@@ -35,6 +35,7 @@ class ExportForm:
         frame_rate: frames per second; None where the time between frames varies.
         actor: the character's own file, where one is named; None by default.
         mass: of the person, kilograms; None, the default, where it is not known.
+        opensim_model: somebody else's model, and its marker set where that is a file of its own; empty by default.
         say: takes sentences that the user should know; nothing listens by default.
     """
 
@@ -44,6 +45,7 @@ class ExportForm:
     frame_rate: float | None = None
     actor: Path | None = None
     mass: float | None = None
+    opensim_model: tuple[Path, ...] = ()
     say: Callable[[str], None] = _silent
 
     @property
@@ -72,6 +74,7 @@ class Exporter(NamedTuple):
         folder: whether a folder is written instead of a file; not by default.
         beside: what else is written, by how its name ends in place of the suffix: a file if that begins with a dot, a
             folder otherwise. Nothing by default.
+        driven: what is written instead where the user names a model of their own; None if that means nothing here.
     """
 
     write: Write
@@ -82,6 +85,7 @@ class Exporter(NamedTuple):
     resamples: bool = True
     folder: bool = False
     beside: Mapping[str, Write] = {}
+    driven: "Exporter | None" = None
 
     def parts(self, path: Path) -> dict[Path, Write]:
         """List what is written for a path, the path itself first."""
@@ -98,14 +102,16 @@ def export_motion(
     frame_rate: float | None,
     actor: str | Path | None,
     mass: float | None = None,
+    opensim_model: tuple[Path, ...] = (),
     say: Callable[[str], None] | None,
 ) -> ExportForm:
     """Do what `export` says; return how the file was written."""
     path = Path(path)
-    exporter = checked_exporter(path, exporters, units, up, frame_rate, mass)
+    exporter = checked_exporter(path, exporters, units, up, frame_rate, mass, opensim_model)
     motion = result if isinstance(result, Motion) else Motion.load(result)
     form = ExportForm(path.name, units or exporter.units, up or exporter.up or _up(motion))
-    form = replace(form, actor=None if actor is None else Path(actor), mass=mass, say=say or form.say)
+    actor = None if actor is None else Path(actor)
+    form = replace(form, actor=actor, mass=mass, opensim_model=opensim_model, say=say or form.say)
     motion = continuous(turned(motion, form.up))
     rate = frame_rate_of(motion)
     if frame_rate is not None and frame_rate != rate:
@@ -134,6 +140,7 @@ def checked_exporter(
     up: str | None,
     frame_rate: float | None,
     mass: float | None = None,
+    opensim_model: tuple[Path, ...] = (),
 ) -> Exporter:
     """Find the exporter of a path. Raises `InputError` where nothing can be written there, or not in this way."""
     both = "".join(path.suffixes[-2:]).lower()
@@ -141,6 +148,8 @@ def checked_exporter(
     if exporter is None:
         found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
         raise InputError(f"{path} has {found}, which names no format; expected one of {', '.join(exporters)}.")
+    if opensim_model and exporter.driven:
+        exporter = exporter.driven
     for part in exporter.parts(path):
         if part.exists():
             raise InputError(f"{part} exists already; choose a new file.")

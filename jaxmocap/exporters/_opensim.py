@@ -18,25 +18,36 @@ PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_
 
 
 def write_trc(motion: Motion, path: Path, form: ExportForm) -> None:
-    """Write virtual markers, on joints and on the skin, at the motion's own times, tabs between columns."""
-    rate = form.frame_rate or 30.0
-    markers, count = marker_set(motion.character), len(motion)
-    names = markers.names
-    labels = [f"{axis}{number}" for number in range(1, len(names) + 1) for axis in "XYZ"]
-    stated = {"DataRate": f"{rate:.6g}", "CameraRate": f"{rate:.6g}", "NumFrames": count, "NumMarkers": len(names)}
-    stated |= {"Units": form.units, "OrigDataRate": f"{rate:.6g}", "OrigDataStartFrame": 1, "OrigNumFrames": count}
+    """Write virtual markers, on joints and on the skin, at the motion's own times."""
+    markers = marker_set(motion.character)
+    places, rate = form.per_metre * markers.along(motion), form.frame_rate or 30.0
+    write_text(path, trc_text(form.name, markers.names, motion.timestamps, places, form.units, rate))
+
+
+def trc_text(
+    name: str,
+    markers: Sequence[str],
+    timestamps: Float[np.ndarray, " frame"],
+    places: Float[np.ndarray, "frame marker 3"],
+    units: str,
+    rate: float,
+) -> str:
+    """Write down a TRC, tabs between columns; `places` are in `units`, `rate` is in frames per second."""
+    count = len(places)
+    labels = [f"{axis}{number}" for number in range(1, len(markers) + 1) for axis in "XYZ"]
+    stated = {"DataRate": f"{rate:.6g}", "CameraRate": f"{rate:.6g}", "NumFrames": count, "NumMarkers": len(markers)}
+    stated |= {"Units": units, "OrigDataRate": f"{rate:.6g}", "OrigDataStartFrame": 1, "OrigNumFrames": count}
     rows = [
-        ["PathFileType", "4", "(X/Y/Z)", form.name],
+        ["PathFileType", "4", "(X/Y/Z)", name],
         list(stated),
         [str(value) for value in stated.values()],
-        ["Frame#", "Time", *(column for name in names for column in (name, "", ""))],
+        ["Frame#", "Time", *(column for marker in markers for column in (marker, "", ""))],
         ["", "", *labels],
         [],
     ]
-    places = form.per_metre * markers.along(motion).reshape(count, -1)
-    for number, (seconds, row) in enumerate(zip(motion.timestamps, places, strict=True), start=1):
+    for number, (seconds, row) in enumerate(zip(timestamps, places.reshape(count, -1), strict=True), start=1):
         rows.append([str(number), f"{seconds:.6f}", *(f"{value:.6f}" for value in row)])
-    write_text(path, "\n".join("\t".join(row) for row in rows) + "\n")
+    return "\n".join("\t".join(row) for row in rows) + "\n"
 
 
 def write_mot(motion: Motion, path: Path, form: ExportForm) -> None:

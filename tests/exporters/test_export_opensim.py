@@ -14,10 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap.character import build_skeleton, dominant_bodies, rest_pose
+from jaxmocap._cli import run
+from jaxmocap.character import Pose, angles_at_rest, build_skeleton, dominant_bodies, rest_pose
 from jaxmocap.exporters import export
 from jaxmocap.exporters._body_mass import body_mass
 from jaxmocap.exporters._marker_set import marker_set
+from jaxmocap.exporters._opensim_drive import shared_markers
 from jaxmocap.exporters._prepare import neutral_angles
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import dance, make_actor
@@ -150,3 +152,70 @@ def test_a_body_that_does_not_turn_is_welded_to_its_parent(danced, tmp_path):
     path = export(Motion.from_poses(character, poses, [0], [0.0]), tmp_path / "dance.osim")
     joints = ElementTree.parse(path).iter("WeldJoint")
     assert [joint.get("name") for joint in joints] == ["l_clavicle", "r_clavicle"]
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory) -> Path:
+    """Somebody else's model: a shorter body than the dancer's, standing, whose markers have names of their own."""
+    character = make_actor(1.55)
+    skeleton = character.skeleton
+    angles = -angles_at_rest(skeleton)
+    for side in "lr":
+        angles[skeleton.angle_names.index(f"{side}_shoulder_abd")] -= np.radians(80)
+    pose = Pose(jnp.eye(4)[None], jnp.asarray(angles[None], jnp.float32))
+    path = tmp_path_factory.mktemp("foreign") / "theirs.osim"
+    export(Motion.from_poses(character, pose, [0], [0.0]), path)
+    text = path.read_text()
+    for ours, theirs in {"LKNE": "LLFC", "RKNE": "RLFC", "RSHO": "R.Acromium", "LASI": "L.ASIS_study"}.items():
+        text = text.replace(f'Marker name="{ours}"', f'Marker name="{theirs}"')
+    path.write_text(text)
+    return path
+
+
+@needs_opensim
+def test_somebody_else_s_model_is_scaled_to_the_person_and_moves_as_they_do(danced, foreign, folder, tmp_path):
+    """It is this person's but for its size, so that it must fit."""
+    said = []
+    export(danced, tmp_path / "driven.osim", mass=70, opensim_model=[foreign], say=said.append)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["driven.mot", "driven.osim"]
+    off = float(said[0].split("off by ")[1].split(" cm")[0])
+    assert off < 0.3
+    tables = []
+    for path in (tmp_path / "driven.mot", folder / "dance.mot"):
+        names, *rows = (line.split("\t") for line in path.read_text().split("endheader\n")[1].splitlines())
+        tables.append(dict(zip(names, np.array(rows, float).T, strict=True)))
+    for name in ("l_knee_flex", "r_knee_flex", "l_hip_abd", "r_elbow_flex", "neck_axial", "pelvis_list"):
+        assert np.sqrt(np.mean((tables[0][name] - tables[1][name]) ** 2)) < 1.0, name
+    driven, ours = (ElementTree.parse(path) for path in (tmp_path / "driven.osim", folder / "dance.osim"))
+    assert sum(float(mass.text) for mass in driven.iter("mass")) == pytest.approx(70, rel=1e-3)
+    for name in ("l_knee", "r_ankle", "l_elbow", "r_wrist", "neck", "thorax", "l_hip"):
+        lengths = []
+        for document in (driven, ours):
+            (joint,) = (one for one in document.iter("CustomJoint") if one.get("name") == name)
+            lengths.append(np.linalg.norm(np.array(next(joint.iter("translation")).text.split(), float)))
+        assert lengths[0] == pytest.approx(lengths[1], rel=0.02), name
+
+
+def test_the_markers_of_other_models_are_known_by_their_names(danced, foreign):
+    names = shared_markers((foreign,), danced.character)
+    assert (names["LLFC"], names["R.Acromium"], names["L.ASIS_study"]) == ("LKNE", "RSHO", "LASI")
+    assert len(names) == len(marker_set(danced.character).names)
+
+
+@needs_opensim
+def test_a_model_that_cannot_be_driven_is_one_sentence(danced, foreign, tmp_path, capsys):
+    result = danced.save(tmp_path / "result")
+    (tmp_path / "few.osim").write_text('<OpenSimDocument><Marker name="RASI"/><Marker name="x"/></OpenSimDocument>')
+    (tmp_path / "text.osim").write_text("no model")
+    for arguments, words in (
+        (["a.osim", "--opensim-model", "nowhere.osim"], "nowhere.osim cannot be read (No such file or directory)"),
+        (["a.osim", "--opensim-model", str(tmp_path / "text.osim")], "is no file of OpenSim's"),
+        (["a.osim", "--opensim-model", str(tmp_path / "few.osim")], "has 1 markers that we know (RASI); at least 8"),
+        (["a.trc", "--opensim-model", str(foreign)], "--opensim-model is for .osim, which --to does not name"),
+    ):
+        arguments[0] = str(tmp_path / arguments[0])
+        assert run(["export", str(result), "--to", *arguments]) == 2
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1
+        assert words in err
+    assert not list(tmp_path.glob("a.*"))
