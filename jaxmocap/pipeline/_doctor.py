@@ -24,6 +24,7 @@ PACKAGES = (
 EXTRAS = {
     "parquet": ("pyarrow", "export to .parquet"),
     "usd": ("usd-core", "export to .usd, .usda and .usdc"),
+    "opensim": ("opensim", "export --opensim-model"),
     "view": ("viser", "view"),
     "rerun": ("rerun-sdk", "view --rerun"),
     "detect": ("ai-edge-litert", "detect"),
