@@ -23,7 +23,7 @@ from ._isb import IsbAngles as IsbAngles, isb_angles as isb_angles
 from ._isb_tables import write_isb_csv as write_isb_csv, write_isb_mot as write_isb_mot
 from ._opensim import write_mot as write_mot, write_trc as write_trc
 from ._opensim_drive import write_driven_mot, write_driven_osim
-from ._opensim_model import GEOMETRY, write_osim as write_osim, write_osim_geometry
+from ._opensim_model import GEOMETRY, SETUP, write_osim as write_osim, write_osim_geometry, write_osim_setup
 from ._tables import write_csv as write_csv, write_parquet as write_parquet
 from ._usd import write_usd as write_usd
 
@@ -38,7 +38,7 @@ EXPORTERS: dict[str, Exporter] = {
         units="m",
         up="y",
         fixed=True,
-        beside={".mot": write_mot, GEOMETRY: write_osim_geometry},
+        beside={".mot": write_mot, SETUP: write_osim_setup, GEOMETRY: write_osim_geometry},
         driven=Exporter(write_driven_osim, units="m", up="y", fixed=True, beside={".mot": write_driven_mot}),
     ),
     ".csv": Exporter(write_csv),
@@ -70,11 +70,12 @@ def export(
 
     `units` are "m", "cm" or "mm" and `up` is the vertical axis, "y" or "z"; `docs/conventions.md` has each format's
     own. `frame_rate` in frames per second resamples by interpolation. A GLB is written on the rig of the file that the
-    character came from; `actor` names it where it is not the one the result remembers. An OSIM has its MOT and a folder
-    of meshes beside it, and `mass` is the person's in kilograms; it is guessed from the mesh otherwise. With
-    `opensim_model`, a model of somebody else's (and its marker set, where that is a file of its own), OpenSim scales
-    that one to the person and solves for our markers instead. `say` is told what is worth a sentence. Raises
-    `InputError` for an unknown suffix, a file that exists, and what a format cannot hold; nothing is left behind then.
+    character came from; `actor` names it where it is not the one the result remembers. An OSIM has its MOT, settings of
+    inverse kinematics and a folder of meshes beside it, and `mass` is the person's in kilograms; it is guessed from the
+    mesh otherwise. With `opensim_model`, a model of somebody else's (and its marker set, where that is a file of its
+    own), OpenSim scales that one to the person and solves for our markers instead. `say` is told what is worth a
+    sentence. Raises `InputError` for an unknown suffix, a file that exists, and what a format cannot hold; nothing is
+    left behind then.
     """
     path, files = Path(path), tuple(Path(file) for file in opensim_model)
     if files and not checked_exporter(path, EXPORTERS, units, up, frame_rate).driven:

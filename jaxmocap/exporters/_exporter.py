@@ -72,8 +72,8 @@ class Exporter(NamedTuple):
         resamples: whether the frame rate may change, unlike where frames must stay those of the videos; by default it
             may.
         folder: whether a folder is written instead of a file; not by default.
-        beside: what else is written, by how its name ends in place of the suffix: a file if that begins with a dot, a
-            folder otherwise. Nothing by default.
+        beside: what else is written, by how its name ends in place of the suffix: a file if that has a suffix, a folder
+            otherwise. Nothing by default.
         driven: what is written instead where the user names a model of their own; None if that means nothing here.
     """
 

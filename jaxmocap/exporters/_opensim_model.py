@@ -20,6 +20,10 @@ from ._opensim import PELVIS, coordinates_of
 
 GEOMETRY = "_geometry"
 """What is added to the name of a model to name the folder of its meshes."""
+SETUP = "_ik.xml"
+"""What is added to the name of a model to name the settings of OpenSim's inverse kinematics."""
+_ACCURACY = 1e-7
+"""OpenSim's own 1e-5 ends degrees too early where a shoulder is near gimbal lock."""
 _INDEPENDENT = 0.5
 """Volume between three axes of a joint below which it is described from where they are at right angles."""
 _NOTE = (
@@ -80,6 +84,25 @@ def write_osim_geometry(motion: Motion, folder: Path, form: ExportForm) -> None:
         lines = [f"v {_numbers(*row)}" for row in placed @ REST_FROM_OPENSIM]
         lines += ["f " + " ".join(map(str, row)) for row in faces + 1]
         write_text(folder / f"{skeleton.body_names[number]}.obj", "\n".join(lines) + "\n")
+
+
+def write_osim_setup(motion: Motion, path: Path, form: ExportForm) -> None:
+    """Write settings with which OpenSim's inverse kinematics solves for the TRC of the same name."""
+    name = form.name.removesuffix(SETUP)
+    document = ElementTree.Element("OpenSimDocument", Version="40000")
+    tool = _add(document, "InverseKinematicsTool", name=name)
+    _add(tool, "model_file", f"{name}.osim")
+    _add(tool, "marker_file", f"{name}.trc")
+    _add(tool, "output_motion_file", f"{name}_ik.mot")
+    _add(tool, "time_range", _numbers(*motion.timestamps[[0, -1]]))
+    _add(tool, "accuracy", f"{_ACCURACY:g}")
+    tasks = _add(_add(tool, "IKTaskSet", name="iktaskset"), "objects")
+    for marker in marker_set(motion.character).names:
+        task = _add(tasks, "IKMarkerTask", name=marker)
+        _add(task, "apply", "true")
+        _add(task, "weight", "1")
+    ElementTree.indent(document)
+    write_text(path, '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(document, "unicode") + "\n")
 
 
 def _pieces(character: Character) -> dict[int, tuple[np.ndarray, np.ndarray]]:

@@ -45,26 +45,18 @@ def placed(transform) -> np.ndarray:
 
 
 def solved(folder: Path, names: list[str]) -> np.ndarray:
-    """What OpenSim's inverse kinematics finds for the markers, with its own accuracy, from some degrees beside."""
+    """What OpenSim's inverse kinematics finds for the markers, by our settings, from some degrees beside."""
     model = opensim.Model(str(folder / "dance.osim"))
     rng = np.random.default_rng(0)
     for number in range(model.getNumCoordinates()):
         one = model.updCoordinateSet().get(number)
         one.setDefaultValue(one.getDefaultValue() + rng.normal(0, np.radians(8)))
     model.initSystem()
-    tool = opensim.InverseKinematicsTool()
+    tool = opensim.InverseKinematicsTool(str(folder / "dance_ik.xml"))
     tool.setModel(model)
     tool.setMarkerDataFileName(str(folder / "dance.trc"))
-    data = opensim.MarkerData(str(folder / "dance.trc"))
-    tool.setStartTime(data.getStartFrameTime())
-    tool.setEndTime(data.getLastFrameTime())
     tool.setResultsDir(str(folder))
     tool.setOutputMotionFileName(str(folder / "solved.mot"))
-    for number in range(model.getNumMarkers()):
-        task = opensim.IKMarkerTask()
-        task.setName(model.getMarkerSet().get(number).getName())
-        task.setWeight(1.0)
-        tool.getIKTaskSet().cloneAndAppend(task)
     assert tool.run()
     table = opensim.TimeSeriesTable(str(folder / "solved.mot"))
     return table.getMatrix().to_numpy()[:, [list(table.getColumnLabels()).index(name) for name in names]]

@@ -25,8 +25,8 @@ def test_the_command_writes_every_file_asked_for(result, even, tmp_path, capsys)
     files = [tmp_path / f"dance{suffix}" for suffix in WRITABLE]
     assert run(["export", str(result), "--to", *map(str, files), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)["files"]
-    assert {Path(row["file"]) for row in told} == {*files, tmp_path / "dance_geometry"}
-    assert len(told) == len(files) + 1
+    assert {Path(row["file"]) for row in told} == {*files, tmp_path / "dance_geometry", tmp_path / "dance_ik.xml"}
+    assert len(told) == len(files) + 2
     assert all(file.exists() for file in files)
     assert {row["units"] for row in told} == {"m", "mm"}
     assert told[0]["frame_rate"] == pytest.approx(30)

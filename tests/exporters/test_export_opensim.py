@@ -71,7 +71,7 @@ def test_opensim_s_markers_are_those_of_the_trc_and_its_inverse_kinematics_comes
     turned = ~np.isin(read["columns"], ["pelvis_tx", "pelvis_ty", "pelvis_tz"])
     off = (read["solved"] - read["values"])[:, turned]
     off -= 360 * np.round(off / 360)
-    assert np.sqrt((off**2).mean()) < 1.0
+    assert np.sqrt((off**2).mean()) < 0.2
 
 
 @needs_opensim
