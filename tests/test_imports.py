@@ -17,6 +17,7 @@ ROWS = (
     ("viewers",),
     ("exporters", "importers", "metrics"),
     ("calibration", "track"),
+    ("clip",),
     ("verdict", "registration"),
     ("search", "refinement"),
     ("rigging",),

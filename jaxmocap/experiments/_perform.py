@@ -25,7 +25,7 @@ from jaxmocap.motion import Motion
 from jaxmocap.observation import key_poses_of, observe
 from jaxmocap.pipeline import fit_capture_appearance, open_character, with_person_masks, with_selected_frames
 from jaxmocap.registration import register
-from jaxmocap.track import Tracker, motion_of, track_frames, with_settings
+from jaxmocap.track import Tracker, clip_plan, motion_of, track_frames, with_settings
 from jaxmocap.verdict import FrameResult
 
 from ._run import Inputs, Run
@@ -66,7 +66,7 @@ def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
         tracker = with_settings(tracker, run.settings)
     ready = time.perf_counter()
     results = track_frames(observations, tracker, key=jax.random.fold_in(key, 3), frames=run.frames)
-    motion = motion_of(observations, results, {"method": run.method}, tracker.verdict)
+    motion = motion_of(observations, results, {"method": run.method}, tracker.verdict, clip_plan(tracker))
     done, spent = time.perf_counter(), time.process_time() - used
     scores = evaluate(motion, capture.truth) if capture.truth is not None else {}
     return _record(run, prepared.hash, scores, motion, results, done - begin, done - ready, spent), motion

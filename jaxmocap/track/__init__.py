@@ -6,6 +6,7 @@ from ._frame import Answer as Answer, FrameTracker as FrameTracker, Step as Step
 from ._sequence import (
     Method as Method,
     Progress as Progress,
+    clip_plan as clip_plan,
     motion_of as motion_of,
     track as track,
     track_frames as track_frames,

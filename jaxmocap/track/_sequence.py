@@ -12,6 +12,7 @@ from jaxmocap._cache import make_room
 from jaxmocap._results import InputError
 from jaxmocap._runtime import release_memory
 from jaxmocap.character import Pose
+from jaxmocap.clip import ClipPlan, solve_clip
 from jaxmocap.motion import Motion, cameras_at
 from jaxmocap.observation import Observations
 from jaxmocap.registration import Registration
@@ -115,9 +116,11 @@ def motion_of(
     results: list[FrameResult],
     provenance: dict | None = None,
     verdict: VerdictSettings | None = None,
+    clip: ClipPlan | None = None,
 ) -> Motion:
-    """Judge tracked frames and record them as a motion.
+    """Judge tracked frames, solve them as a clip if there is a plan for it, and record them as a motion.
 
+    `provenance["contacts"]` lists where heels and toes stand, if the clip was solved.
     `provenance["doubts"]` lists the frames that are not to be trusted and why, `provenance["lost"]` the spans in which
     a part is lost, whose landmarks have no confidence, and `provenance["outlier_cameras"]` those in which a camera
     shows the body elsewhere than the others, by which alone these frames are judged; all in frames of the first video
@@ -131,13 +134,21 @@ def motion_of(
         jax.device_put(np.stack([r.pose.root for r in results])),
         jax.device_put(np.stack([r.pose.angles for r in results])),
     )
+    moments = capture.timestamps[positions]
+    clip_record = {}
+    if clip is not None:
+        poses, contacts = solve_clip(character.skeleton, poses, moments, judged.confidence, capture.up, clip)
+        clip_record["contacts"] = [
+            {"landmark": name, "first": int(numbers[positions[first]]), "last": int(numbers[positions[last]])}
+            for name, first, last in contacts
+        ]
     terms = sorted({name for result in results for name in result.energy})
     seconds = [sum(result.seconds.values()) for result in results]
     return Motion.from_poses(
         character,
         poses,
         numbers[positions],
-        capture.timestamps[positions],
+        moments,
         confidence=judged.confidence,
         status=judged.status,
         covariance=joint_covariances(character.skeleton, results, confidence=judged.confidence),
@@ -151,11 +162,17 @@ def motion_of(
                 ]
                 for name in ("lost", "doubts", "outlier_cameras")
             },
+            **clip_record,
             **(provenance or {}),
         },
         cameras=cameras_at(observations.cameras, positions),
         up=capture.up,
     )
+
+
+def clip_plan(tracker: Tracker | Method) -> ClipPlan | None:
+    """Return how the clip is solved as a whole; what goes on frame by frame, as the baselines do, has no plan."""
+    return tracker.clip if isinstance(tracker, Tracker) else None
 
 
 def track(
@@ -178,4 +195,4 @@ def track(
         pose = start.pose if isinstance(start, Registration) else start
         observations = observations.with_key_pose(legs[0].start, pose)
     results = track_frames(observations, tracker, key=key, frames=frames, progress=progress)
-    return motion_of(observations, results, verdict=tracker.verdict)
+    return motion_of(observations, results, verdict=tracker.verdict, clip=clip_plan(tracker))

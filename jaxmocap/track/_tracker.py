@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from jaxmocap._results import InputError
 from jaxmocap._types import Quality
+from jaxmocap.clip import ClipPlan
 from jaxmocap.energies import ContourSettings, SearchEnergy, search_energy
 from jaxmocap.motion import AngleChoice
 from jaxmocap.observation import LightSettings
@@ -37,6 +38,7 @@ class Tracker:
             between their neighbours; 0 is the paper.
         flow: how optical flow is computed for the start.
         light: bring every frame into the light of the first before anything looks at it; None is the paper.
+        clip: solve all frames together once they are tracked; None is the paper.
         verdict: when a frame or a part of it is doubtful or lost; ours.
     """
 
@@ -53,6 +55,7 @@ class Tracker:
     longest_flash: int = 0
     flow: FlowSettings = field(default_factory=FlowSettings)
     light: LightSettings | None = None
+    clip: ClipPlan | None = None
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
 
     @property
@@ -80,7 +83,7 @@ class Tracker:
             contours=ContourSettings(reach=10),
         )
         efforts = (Effort(4, 10, 0.25), Effort(2, 6, 0.5))
-        habits = {"prediction": True, "angles": "away_from_limits", "longest_flash": 3, "light": LightSettings()}
+        habits = {"prediction": True, "angles": "away_from_limits", "longest_flash": 3, "light": LightSettings(), "clip": ClipPlan()}
         if quality == "normal":
             search = SearchPlan(
                 efforts,

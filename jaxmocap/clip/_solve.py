@@ -1,0 +1,142 @@
+"""Refinement over the whole clip: every frame's answer, smooth motion, and feet that stay where they stand."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, landmark_positions, retract
+
+from ._contacts import Contact, ContactSettings, find_contacts
+from ._system import ClipRows, body_points, energy_at, linearise, normal_equations, third_differences
+
+DAMPING = 1e-6
+"""Of the first step, as a share of the diagonal (Levenberg and Marquardt)."""
+
+SETTLED = 2e-3
+"""Share of the energy: a step that takes away less is the last one."""
+
+WALL = 1e5
+"""Weight of an angle beyond its limit, 1/rad^2: ten times what the points of a forearm say of its elbow."""
+
+NEAR = 100.0
+"""Weight of an increment, 1/rad^2 and 1/m^2, a tenth of what the three points of a single body say of its turns."""
+
+LEAST = 0.1
+"""Confidence that a landmark has at least: where nothing else tells of it, it stays where it was found."""
+
+
+@dataclass(frozen=True)
+class ClipPlan:
+    """Say how a tracked clip is solved as a whole, after its last frame; not in the paper.
+
+    Attributes:
+        deviation: metres by which points of the body err at random from frame to frame, along one axis; 0.005.
+        jerk: spectral density of a point's jerk along one axis, m^2/s^5: how suddenly the person may move, at
+            any frame rate; 3000.
+        contacts: how feet that stand are found; None lets them slide.
+        steps: of Levenberg and Marquardt at most; 20.
+    """
+
+    deviation: float = 0.005
+    jerk: float = 3000.0
+    contacts: ContactSettings | None = ContactSettings()
+    steps: int = 20
+
+
+class SolvedClip(NamedTuple):
+    """Poses of a whole clip, and where feet stand in it."""
+
+    poses: Pose
+    contacts: list[Contact]
+
+
+def solve_clip(
+    skeleton: Skeleton,
+    poses: Pose,
+    timestamps: Float[np.ndarray, " frame"],
+    confidence: Float[np.ndarray, "frame landmark"] | None = None,
+    up: str = "y",
+    plan: ClipPlan | None = None,
+) -> SolvedClip:
+    """Move the poses of all frames together to where they are likeliest, given that bodies move smoothly.
+
+    Minimises over an increment of every frame the squared ways of the body's points from where they were found, by
+    `plan.deviation` and the landmarks' confidence, and their squared jerks, by `plan.jerk`, inside the joint limits.
+    Feet that stand in the solution hold still in a second one. This is what Eq. 10 asks of neighbouring frames, asked of
+    all at once; it looks at no picture again.
+
+    Each step of Levenberg and Marquardt solves a system that joins no frames farther apart than three, so that time and memory grow
+    linearly with the clip. `poses` are stacked along the first axis, `timestamps` are seconds.
+    """
+    plan = ClipPlan() if plan is None else plan
+    if len(timestamps) < 4:
+        return SolvedClip(poses, [])
+    if confidence is None:
+        confidence = np.ones((len(timestamps), len(skeleton.landmark_names)))
+    solved = _descend(skeleton, poses, timestamps, confidence, plan, [])
+    contacts: list[Contact] = []
+    if plan.contacts is not None:
+        places = np.asarray(_landmarks(skeleton, solved))
+        contacts = find_contacts(places, timestamps, skeleton, np.eye(3)["xyz".index(up)], plan.contacts)
+    if contacts:
+        solved = _descend(skeleton, poses, timestamps, confidence, plan, contacts)
+    return SolvedClip(solved, contacts)
+
+
+_landmarks = jax.jit(jax.vmap(landmark_positions, in_axes=(None, 0)))
+_moved = jax.jit(jax.vmap(retract, in_axes=(None, 0, 0)))
+
+
+def _descend(
+    skeleton: Skeleton,
+    poses: Pose,
+    timestamps: Float[np.ndarray, " frame"],
+    confidence: Float[np.ndarray, "frame landmark"],
+    plan: ClipPlan,
+    contacts: list[Contact],
+) -> Pose:
+    points, steps = body_points(skeleton), np.diff(timestamps)
+    still = np.zeros((len(steps), len(points.body)))
+    for name, first, last in contacts:
+        assert plan.contacts is not None
+        still[first:last, skeleton.landmark_names.index(name)] = 1 / (plan.contacts.slip**2 * steps[first:last])
+    lower, upper = _room(skeleton, poses)
+    rows = ClipRows(
+        told=np.maximum(confidence, LEAST)[:, points.landmark] / plan.deviation**2,
+        differences=third_differences(timestamps),
+        smooth=np.repeat((timestamps[3:] - timestamps[:-3])[:, None] / 3 / plan.jerk, len(points.body), axis=1),
+        still=still,
+        lower=lower,
+        upper=upper,
+        wall=WALL,
+        near=NEAR,
+    )
+    increments, damping = np.zeros(lower.shape), DAMPING
+    found, moves = linearise(skeleton, points, poses, increments)
+    places = found
+    for _ in range(plan.steps):
+        step = normal_equations(found, places, moves, increments, rows).step(damping)
+        there = linearise(skeleton, points, poses, increments + step)
+        now = energy_at(found, places, increments, rows)
+        after = energy_at(found, there[0], increments + step, rows)
+        if after > now:
+            damping *= 100
+            continue
+        increments, damping, (places, moves) = increments + step, damping / 10, there
+        if after > now * (1 - SETTLED):
+            break
+    increments = np.clip(increments, lower, upper)
+    return _moved(skeleton, poses, jnp.asarray(increments, jnp.float32))
+
+
+def _room(skeleton: Skeleton, poses: Pose) -> tuple[Float[np.ndarray, "frame dof"], Float[np.ndarray, "frame dof"]]:
+    """How far each increment may go down and up; a pose beyond a limit may stay where it is."""
+    angles = np.asarray(poses.angles, np.float64)
+    far = np.full((len(angles), ROOT_DOFS), 1e3)
+    lower = np.minimum(np.asarray(skeleton.lower) - angles, 0)
+    upper = np.maximum(np.asarray(skeleton.upper) - angles, 0)
+    return np.concatenate([-far, lower], axis=1), np.concatenate([far, upper], axis=1)

@@ -1,0 +1,218 @@
+"""What is minimised over a whole clip, and its normal equations, which join no frames farther apart than three."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from jaxmocap._cache import cached_jit
+from jaxmocap.character import Pose, Skeleton, body_transforms, retract
+
+BATCH = 64
+"""Frames that are linearised in one call, whatever the length of the clip, so that one program serves all."""
+
+ARM = 0.1
+"""Metres from a body's joint of the three points that tell how the body is turned."""
+
+
+class BodyPoints(NamedTuple):
+    """Name the points by which a clip is judged: all landmarks, and three points on the axes of every body, so that a
+    turn of a bone about itself counts as well.
+
+    Attributes:
+        rest: places at rest, metres.
+        body: of each point the body that carries it.
+        landmark: of each point the landmark whose confidence it has; the landmarks themselves come first.
+    """
+
+    rest: Float[np.ndarray, "point 3"]
+    body: np.ndarray
+    landmark: np.ndarray
+
+
+class ClipRows(NamedTuple):
+    """Weigh the rows of a clip, each the factor on a square.
+
+    Attributes:
+        told: of a point's way from where it was found, 1/m^2.
+        differences: coefficients of the divided difference over four frames in a row, 1/s^3.
+        smooth: of a point's jerk over these frames, s^6/m^2.
+        still: of a point's way from each frame to the next, 1/m^2.
+        lower: how far each increment may go down, radians (the root's: metres and radians).
+        upper: how far it may go up.
+        wall: of an increment beyond these, 1/rad^2.
+        near: of an increment, 1/rad^2 and 1/m^2: where a joint's axes fall together, turns that move nothing stay out.
+    """
+
+    told: Float[np.ndarray, "frame point"]
+    differences: Float[np.ndarray, "window 4"]
+    smooth: Float[np.ndarray, "window point"]
+    still: Float[np.ndarray, "interval point"]
+    lower: Float[np.ndarray, "frame dof"]
+    upper: Float[np.ndarray, "frame dof"]
+    wall: float
+    near: float
+
+
+class NormalEquations(NamedTuple):
+    """Hold half the energy's gradient, and the blocks of its Gauss-Newton matrix: `bands[k, t]` joins the frames t and
+    t + k (the last k blocks of a band are zero)."""
+
+    gradient: Float[np.ndarray, "frame dof"]
+    bands: Float[np.ndarray, "band frame dof dof"]
+
+    def step(self, damping: float) -> Float[np.ndarray, "frame dof"]:
+        """Compute the step of Levenberg and Marquardt, damped by a share of the matrix's diagonal."""
+        diagonal = np.arange(self.gradient.shape[1])
+        bands = self.bands.copy()
+        bands[0][:, diagonal, diagonal] *= 1 + damping
+        return -solve_bands(bands, self.gradient)
+
+
+def body_points(skeleton: Skeleton) -> BodyPoints:
+    """List the points of a skeleton by which its clips are judged."""
+    landmarks, bodies = np.asarray(skeleton.landmarks, np.float32), len(skeleton.body_names)
+    turned = (skeleton.joints[:, None] + ARM * np.eye(3)).reshape(-1, 3)
+    number = np.repeat(np.arange(bodies), 3)
+    return BodyPoints(
+        np.concatenate([landmarks, turned]).astype(np.float32),
+        np.concatenate([np.asarray(skeleton.landmark_bodies), number]),
+        np.concatenate([np.arange(len(landmarks)), number]),
+    )
+
+
+def third_differences(timestamps: Float[np.ndarray, " frame"]) -> Float[np.ndarray, "window 4"]:
+    """Compute the coefficients of third derivatives over four frames in a row, 1/s^3; they need not be evenly spaced.
+
+    They are 3! times the divided differences: exact for cubic polynomials.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(np.asarray(timestamps, np.float64), 4)
+    apart = windows[:, :, None] - windows[:, None, :]
+    return 6 / np.prod(np.where(np.eye(4, dtype=bool), 1.0, apart), axis=2)
+
+
+def point_places(skeleton: Skeleton, points: BodyPoints, pose: Pose) -> Float[Array, "point 3"]:
+    """Compute the points' places in the world, metres."""
+    transforms = body_transforms(skeleton, pose)[points.body]
+    return jnp.einsum("pij,pj->pi", transforms[:, :3, :3], points.rest, precision="highest") + transforms[:, :3, 3]
+
+
+def clip_energy(
+    skeleton: Skeleton, points: BodyPoints, poses: Pose, increments: Float[Array, "frame dof"], rows: ClipRows
+) -> Float[Array, ""]:
+    """Compute the energy of a clip whose poses move by these increments: the sum of all weighted squares."""
+    found = jax.vmap(lambda pose: point_places(skeleton, points, pose))(poses)
+    moved = jax.vmap(lambda pose, step: point_places(skeleton, points, retract(skeleton, pose, step)))(
+        poses, increments
+    )
+    return energy_at(found, moved, increments, rows)
+
+
+def energy_at(found: Any, places: Any, increments: Any, rows: ClipRows) -> Any:
+    """Add up all weighted squares where the points lie at `places`, shape (frame, point, 3), whatever the arrays are,
+    NumPy's or JAX's."""
+    beyond = _outside(increments, rows)
+    return (
+        (rows.told * ((places - found) ** 2).sum(-1)).sum()
+        + (rows.smooth * (_jerk(places, rows) ** 2).sum(-1)).sum()
+        + (rows.still * ((places[1:] - places[:-1]) ** 2).sum(-1)).sum()
+        + rows.wall * (beyond**2).sum()
+        + rows.near * (increments**2).sum()
+    )
+
+
+def _jerk(places: Any, rows: ClipRows) -> Any:
+    """Third divided differences over windows of four frames, from their first one: small numbers keep precision."""
+    windows, first = len(places) - 3, places[:-3]
+    return sum(rows.differences[:, n, None, None] * (places[n : n + windows] - first) for n in range(1, 4))
+
+
+def _outside(increments: Any, rows: ClipRows) -> Any:
+    """How far increments are beyond their limits, signed."""
+    below, above = increments - rows.lower, increments - rows.upper
+    return below * (below < 0) + above * (above > 0)
+
+
+@cached_jit
+def _linear(
+    skeleton: Skeleton, points: BodyPoints, poses: Pose, increments: Float[Array, "frame dof"]
+) -> tuple[Float[Array, "frame point 3"], Float[Array, "frame point 3 dof"]]:
+    def one(pose: Pose, step: Float[Array, "dof"]) -> tuple[Array, Array]:
+        def places(moved: Float[Array, "dof"]) -> Float[Array, "point 3"]:
+            return point_places(skeleton, points, retract(skeleton, pose, moved))
+
+        return places(step), jax.jacfwd(places)(step)
+
+    return jax.vmap(one)(poses, increments)
+
+
+def linearise(
+    skeleton: Skeleton, points: BodyPoints, poses: Pose, increments: Float[np.ndarray, "frame dof"]
+) -> tuple[Float[np.ndarray, "frame point 3"], Float[np.ndarray, "frame point 3 dof"]]:
+    """Compute every frame's points and how they move with each degree of freedom."""
+    places, moves = [], []
+    points = BodyPoints(*(jax.device_put(leaf) for leaf in points))
+    for first in range(0, len(increments), BATCH):
+        chosen = np.minimum(np.arange(first, first + BATCH), len(increments) - 1)
+        batch = jax.tree.map(lambda leaf, chosen=chosen: jax.device_put(np.asarray(leaf)[chosen]), poses)
+        found = _linear(skeleton, points, batch, jax.device_put(increments[chosen].astype(np.float32)))
+        for parts, values in zip((places, moves), found, strict=True):
+            parts.append(np.asarray(values, np.float64)[: len(increments) - first])
+    return np.concatenate(places), np.concatenate(moves)
+
+
+def normal_equations(
+    found: Float[np.ndarray, "frame point 3"],
+    places: Float[np.ndarray, "frame point 3"],
+    moves: Float[np.ndarray, "frame point 3 dof"],
+    increments: Float[np.ndarray, "frame dof"],
+    rows: ClipRows,
+) -> NormalEquations:
+    """Assemble the rows at these increments, at which the points lie at `places` and move by `moves` (host)."""
+    frames, _, _, dofs = moves.shape
+    gradient, bands = np.zeros((frames, dofs)), np.zeros((4, frames, dofs, dofs))
+
+    def join(first: int, last: int, weights: Float[np.ndarray, "row point"]) -> None:
+        here, there = (moves[n : n + len(weights)].reshape(len(weights), -1, dofs) for n in (first, last))
+        weighted = here * np.repeat(weights, 3, axis=1)[:, :, None]
+        bands[last - first, first : first + len(weights)] += weighted.swapaxes(1, 2) @ there
+
+    def pull(first: int, rest: Float[np.ndarray, "row point 3"]) -> None:
+        here = moves[first : first + len(rest)].reshape(len(rest), -1, dofs)
+        gradient[first : first + len(rest)] += (rest.reshape(len(rest), 1, -1) @ here)[:, 0]
+
+    join(0, 0, rows.told)
+    pull(0, rows.told[..., None] * (places - found))
+    jerk = _jerk(places, rows)
+    for first in range(4):
+        pull(first, (rows.differences[:, first, None] * rows.smooth)[..., None] * jerk)
+        for last in range(first, 4):
+            join(first, last, (rows.differences[:, first] * rows.differences[:, last])[:, None] * rows.smooth)
+    way = rows.still[..., None] * (places[1:] - places[:-1])
+    pull(0, -way)
+    pull(1, way)
+    for first, last, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1)):
+        join(first, last, sign * rows.still)
+    outside = _outside(increments, rows)
+    gradient += rows.wall * outside + rows.near * increments
+    bands[0][:, np.arange(dofs), np.arange(dofs)] += rows.wall * (outside != 0) + rows.near
+    return NormalEquations(gradient, bands)
+
+
+def solve_bands(
+    bands: Float[np.ndarray, "band frame dof dof"], right: Float[np.ndarray, "frame dof"]
+) -> Float[np.ndarray, "frame dof"]:
+    """Solve a block-banded symmetric positive definite system by Cholesky factors, in double precision (host)."""
+    width, frames, size, _ = bands.shape
+    stored = np.zeros((width * size, frames * size))  # of column c the rows c, c + 1, ...: LAPACK's lower form
+    row, column = np.indices((size, size))
+    for band in range(width):
+        for d, e in zip(row.ravel(), column.ravel(), strict=True):
+            below = band * size + e - d  # how far the entry (t, d) x (t + band, e) lies below the diagonal
+            if below >= 0:
+                stored[below, d : d + (frames - band) * size : size] += bands[band, : frames - band, d, e]
+    stored[0] += 1e-9 * stored[0].max()
+    return cho_solve_banded((cholesky_banded(stored, lower=True), True), right.ravel()).reshape(frames, size)

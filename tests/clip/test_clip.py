@@ -1,0 +1,194 @@
+"""A clip with a known answer, solved as a whole: smooth motion, feet that stand, and what single frames get wrong."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmocap.character import ROOT_DOFS, Pose, landmark_positions, pose_from_vector, rest_pose
+from jaxmocap.clip import ClipPlan, find_contacts, solve_clip
+from jaxmocap.clip._system import (
+    ClipRows,
+    body_points,
+    clip_energy,
+    linearise,
+    normal_equations,
+    solve_bands,
+    third_differences,
+)
+from jaxmocap.synthetic import actor_skeleton
+
+UP = np.array([0.0, 1.0, 0.0])
+DEVIATION = 0.01
+"""Standard deviation of noise on every degree of freedom, metres and radians."""
+
+
+@pytest.fixture(scope="module")
+def skeleton():
+    return actor_skeleton()
+
+
+def poses_of(skeleton, vectors) -> Pose:
+    return jax.vmap(lambda vector: pose_from_vector(skeleton, vector))(jnp.asarray(vectors, jnp.float32))
+
+
+def places_of(skeleton, poses: Pose) -> np.ndarray:
+    return np.asarray(jax.vmap(lambda pose: landmark_positions(skeleton, pose))(poses), np.float64)
+
+
+def swinging(skeleton, frames: int = 60, fps: float = 30.0):
+    """A person who stands on straight legs and swings trunk and arms inside the joint limits."""
+    time = np.arange(frames) / fps
+    vectors = np.zeros((frames, skeleton.num_dofs))
+    middle = np.concatenate([np.zeros(ROOT_DOFS), np.asarray((skeleton.lower + skeleton.upper) / 2)])
+    room = np.concatenate([np.zeros(ROOT_DOFS), np.asarray(skeleton.upper - skeleton.lower) / 2])
+    for name, dofs in skeleton.groups:
+        if name in ("root", "l_leg", "r_leg"):
+            continue
+        for dof in dofs:
+            vectors[:, dof] = middle[dof] + 0.4 * room[dof] * np.sin(2 * np.pi * time / 1.5 + dof)
+    return time, vectors
+
+
+def noisy(skeleton, vectors, seed: int) -> Pose:
+    return poses_of(skeleton, vectors + np.random.default_rng(seed).normal(0, DEVIATION, vectors.shape))
+
+
+def rows_of(skeleton, time, vectors) -> ClipRows:
+    random, points = np.random.default_rng(0), len(body_points(skeleton).body)
+    return ClipRows(
+        told=random.uniform(1, 10, (len(time), points)),
+        differences=third_differences(time),
+        smooth=random.uniform(1e-6, 3e-6, (len(time) - 3, points)),
+        still=random.uniform(1, 10, (len(time) - 1, points)),
+        lower=np.full(vectors.shape, -0.02),
+        upper=np.full(vectors.shape, 0.02),
+        wall=10.0,
+        near=2.0,
+    )
+
+
+def test_a_body_that_moves_evenly_is_left_where_it_is(skeleton):
+    time, vectors = swinging(skeleton, 12)
+    vectors = np.repeat(vectors[:1], 12, axis=0)
+    vectors[:, 0] = 0.7 * time
+    poses = poses_of(skeleton, vectors)
+    solved = solve_clip(skeleton, poses, time)
+    np.testing.assert_allclose(places_of(skeleton, solved.poses), places_of(skeleton, poses), atol=2e-5)
+    assert solved.contacts == []  # feet that slide on do not stand
+
+
+def test_sure_frames_stay_where_they_are(skeleton):
+    time, vectors = swinging(skeleton)
+    poses = poses_of(skeleton, vectors)
+    solved = solve_clip(skeleton, poses, time, plan=ClipPlan(deviation=1e-6, contacts=None))
+    np.testing.assert_allclose(places_of(skeleton, solved.poses), places_of(skeleton, poses), atol=1e-4)
+
+
+@pytest.mark.parametrize("fps", [30.0, 120.0])
+def test_noise_is_taken_out_at_any_frame_rate(skeleton, fps):
+    time, vectors = swinging(skeleton, int(2 * fps), fps)
+    true, found = places_of(skeleton, poses_of(skeleton, vectors)), noisy(skeleton, vectors, 1)
+    solved = solve_clip(skeleton, found, time)
+    errors = [np.linalg.norm(places_of(skeleton, poses) - true, axis=-1) for poses in (found, solved.poses)]
+    assert errors[1].mean() < 0.75 * errors[0].mean()
+    jolts = [
+        np.linalg.norm(np.diff(places_of(skeleton, poses) - true, n=2, axis=0), axis=-1).mean() * fps**2
+        for poses in (found, solved.poses)
+    ]
+    assert jolts[1] < 0.25 * jolts[0]
+
+
+def test_a_limb_without_confidence_is_carried_by_the_frames_around(skeleton):
+    time, vectors = swinging(skeleton)
+    wrong, wrist = vectors.copy(), skeleton.landmark_names.index("l_wrist")
+    wrong[29:32, skeleton.dof_names.index("l_shoulder_abd")] += 0.15
+    poses = [poses_of(skeleton, values) for values in (vectors, wrong)]
+    true = places_of(skeleton, poses[0])[:, wrist]
+    confidence = np.ones((len(time), len(skeleton.landmark_names)))
+    confidence[29:32, [name.startswith("l_") for name in skeleton.landmark_names]] = 0.0
+    sure, unsure = (solve_clip(skeleton, poses[1], time, given).poses for given in (None, confidence))
+    errors = [np.linalg.norm(places_of(skeleton, p)[:, wrist] - true, axis=1).max() for p in (poses[1], sure, unsure)]
+    assert errors[2] < 0.7 * errors[1] < errors[0], errors
+
+
+def test_feet_that_stand_are_found_and_stay(skeleton):
+    time, vectors = swinging(skeleton)
+    solved = solve_clip(skeleton, noisy(skeleton, vectors, 2), time)
+    assert {contact.landmark for contact in solved.contacts} == {"l_heel", "l_toe", "r_heel", "r_toe"}
+    sliding = solve_clip(skeleton, noisy(skeleton, vectors, 2), time, plan=ClipPlan(contacts=None))
+    for name, first, last in solved.contacts:
+        point, interval = skeleton.landmark_names.index(name), slice(first, last + 1)
+        paths = [places_of(skeleton, clip.poses)[interval, point] for clip in (solved, sliding)]
+        still, slid = (np.linalg.norm(np.diff(path, axis=0), axis=1).mean() for path in paths)
+        assert still < 0.3 * slid, (name, still, slid)
+
+
+def test_feet_in_the_air_do_not_stand(skeleton):
+    time, vectors = swinging(skeleton)
+    vectors[:, 1] = 0.6 * np.abs(np.sin(2 * np.pi * time))  # hops
+    contacts = find_contacts(places_of(skeleton, poses_of(skeleton, vectors)), time, skeleton, UP)
+    for contact in contacts:
+        assert vectors[contact.first : contact.last + 1, 1].max() < 0.06, contact
+
+
+def test_joint_limits_hold(skeleton):
+    time, vectors = swinging(skeleton)
+    found = noisy(skeleton, vectors, 3)
+    found = Pose(found.root, jnp.clip(found.angles, skeleton.lower, skeleton.upper))
+    solved = solve_clip(skeleton, found, time)
+    assert bool((solved.poses.angles >= skeleton.lower - 1e-6).all())
+    assert bool((solved.poses.angles <= skeleton.upper + 1e-6).all())
+
+
+def test_same_bits_every_time(skeleton):
+    time, vectors = swinging(skeleton)
+    found = noisy(skeleton, vectors, 4)
+    one, two = (solve_clip(skeleton, found, time) for _ in range(2))
+    assert np.array_equal(np.asarray(one.poses.angles), np.asarray(two.poses.angles))
+    assert np.array_equal(np.asarray(one.poses.root), np.asarray(two.poses.root))
+
+
+def test_the_gradient_is_that_of_finite_differences(skeleton):
+    time, vectors = swinging(skeleton, 6)
+    poses, rows, points = noisy(skeleton, vectors, 5), rows_of(skeleton, time, vectors), body_points(skeleton)
+    at = np.random.default_rng(6).normal(0, 0.03, vectors.shape).astype(np.float32)
+    energy = jax.jit(lambda increments: clip_energy(skeleton, points, poses, increments, rows))
+    gradient = jax.grad(energy)(jnp.asarray(at))
+    assert bool(jnp.isfinite(gradient).all())
+    found, _ = linearise(skeleton, points, poses, np.zeros_like(at))
+    ours = 2 * normal_equations(found, *linearise(skeleton, points, poses, at), at, rows).gradient
+    np.testing.assert_allclose(ours, gradient, rtol=2e-3, atol=2e-3 * float(jnp.abs(gradient).max()))
+    for seed in range(3):
+        way, step = np.random.default_rng(seed).normal(0, 1, vectors.shape).astype(np.float32), 1e-2
+        ahead, behind = (float(energy(at + sign * step * way)) for sign in (1, -1))
+        assert (ahead - behind) / (2 * step) == pytest.approx(float(jnp.vdot(gradient, way)), rel=0.02)
+
+
+def test_third_derivatives_of_cubics_are_exact_between_uneven_frames():
+    time = np.array([0.0, 0.1, 0.15, 0.4, 0.5])
+    windows = np.lib.stride_tricks.sliding_window_view(2 * time**3 - time**2 + 3, 4)
+    np.testing.assert_allclose((third_differences(time) * windows).sum(1), 12.0, rtol=1e-9)
+
+
+def test_banded_systems_are_solved(skeleton):
+    random, frames, size = np.random.default_rng(7), 5, 4
+    dense = np.zeros((frames * size, frames * size))
+    for first in range(frames - 2):
+        rows = np.zeros((20, frames * size))
+        rows[:, first * size : (first + 3) * size] = random.normal(size=(20, 3 * size))
+        dense += rows.T @ rows
+    blocks = dense.reshape(frames, size, frames, size).transpose(0, 2, 1, 3)
+    bands = np.zeros((3, frames, size, size))
+    for band in range(3):
+        for frame in range(frames - band):
+            bands[band, frame] = blocks[frame, frame + band]
+    right = random.normal(size=(frames, size))
+    expected = np.linalg.solve(dense, right.ravel()).reshape(frames, size)
+    np.testing.assert_allclose(solve_bands(bands, right), expected, rtol=1e-5)
+
+
+def test_three_frames_are_no_clip(skeleton):
+    poses = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), rest_pose(skeleton))
+    solved = solve_clip(skeleton, poses, np.array([0.0, 0.1, 0.2]))
+    assert solved.poses is poses
