@@ -1,6 +1,6 @@
 """Refinement over the whole clip: every frame's answer, smooth motion, and feet that stay where they stand."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import jax
@@ -43,7 +43,7 @@ class ClipPlan:
 
     deviation: float = 0.005
     jerk: float = 3000.0
-    contacts: ContactSettings | None = ContactSettings()
+    contacts: ContactSettings | None = field(default_factory=ContactSettings)
     steps: int = 20
 
 
@@ -66,11 +66,11 @@ def solve_clip(
 
     Minimises over an increment of every frame the squared ways of the body's points from where they were found, by
     `plan.deviation` and the landmarks' confidence, and their squared jerks, by `plan.jerk`, inside the joint limits.
-    Feet that stand in the solution hold still in a second one. This is what Eq. 10 asks of neighbouring frames, asked of
-    all at once; it looks at no picture again.
+    Feet that stand in the solution hold still in a second one. This is what Eq. 10 asks of neighbouring frames, asked
+    of all at once; it looks at no picture again.
 
-    Each step of Levenberg and Marquardt solves a system that joins no frames farther apart than three, so that time and memory grow
-    linearly with the clip. `poses` are stacked along the first axis, `timestamps` are seconds.
+    Each step of Levenberg and Marquardt solves a system that joins no frames farther apart than three, so that time and
+    memory grow linearly with the clip. `poses` are stacked along the first axis, `timestamps` are seconds.
     """
     plan = ClipPlan() if plan is None else plan
     if len(timestamps) < 4:

@@ -83,7 +83,13 @@ class Tracker:
             contours=ContourSettings(reach=10),
         )
         efforts = (Effort(4, 10, 0.25), Effort(2, 6, 0.5))
-        habits = {"prediction": True, "angles": "away_from_limits", "longest_flash": 3, "light": LightSettings(), "clip": ClipPlan()}
+        habits = {
+            "prediction": True,
+            "angles": "away_from_limits",
+            "longest_flash": 3,
+            "light": LightSettings(),
+            "clip": ClipPlan(),
+        }
         if quality == "normal":
             search = SearchPlan(
                 efforts,
