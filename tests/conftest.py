@@ -21,14 +21,21 @@ SINGLE_FUNCTIONS = {
 }
 """Folders of tests. Not of the rasterisers, whose drivers are held against each other bit by bit."""
 
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # a worker has a core: more would wait for one another
+    os.environ.setdefault(_threads, "1")
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ["XDG_CACHE_HOME"] = str(ROOT / ".pytest_cache" / "user")
 os.environ["JAXMOCAP_PROGRAMS"] = ""  # every program is traced, so that annotations are checked
+from array_checks import leave_alone_what_names_no_array  # noqa: E402
+
+leave_alone_what_names_no_array()
 install_import_hook("jaxmocap", "array_checks.check_arrays")
 import jaxmocap._runtime  # noqa: E402
 
 jaxmocap._runtime.compile_sooner()  # as the command line and `configure` do
+if jaxmocap._runtime.quick_loops():  # a jaxlib whose flags are known; in one part, programs compile for less in all
+    os.environ["XLA_FLAGS"] += " --xla_cpu_parallel_codegen_split_count=1"
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,8 @@ would; the problems of single frames are made of the images before compression.
 """
 
 import json
+import os
+import pickle
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -14,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from jaxmocap.appearance import Appearance
 from jaxmocap.camera import project
@@ -132,14 +135,21 @@ def _problem(world: World, frame: int) -> FrameProblem:
 
 
 def shared_world(factory: pytest.TempPathFactory) -> World:
-    """The same one for all tests of a session."""
-    return _build_world(factory.getbasetemp() / "synthetic_world")
+    """The same one for all tests of a session; the worker that needs it first makes it."""
+    base = factory.getbasetemp()
+    return _world(base.parent if "PYTEST_XDIST_WORKER" in os.environ else base)
 
 
 @cache
-def _build_world(folder: Path) -> World:
-    truth = make_capture(3, SIZE, sensor_noise=0.0)
-    capture = Capture.open(write_capture(truth, folder))
-    poses = {frame: truth.pose(frame) for frame in truth.selected_frames}
-    appearance = fit_capture_appearance(capture, truth.cameras, truth.character, poses, key=jax.random.key(0))
-    return World(truth, capture, appearance)
+def _world(base: Path) -> World:
+    folder, learnt = base / "synthetic_world", base / "synthetic_world.pickle"
+    with FileLock(base / "synthetic_world.lock"):
+        if not learnt.exists():
+            truth = make_capture(3, SIZE, sensor_noise=0.0)
+            capture = Capture.open(write_capture(truth, folder))
+            poses = {frame: truth.pose(frame) for frame in truth.selected_frames}
+            key = jax.random.key(0)
+            appearance = fit_capture_appearance(capture, truth.cameras, truth.character, poses, key=key)
+            learnt.write_bytes(pickle.dumps((truth, appearance)))
+    truth, appearance = pickle.loads(learnt.read_bytes())
+    return World(truth, Capture.open(folder), appearance)

@@ -53,7 +53,7 @@ def limb_errors(world, searches, name, pose):
     return vertex_errors(world, FRAME, pose)[vertices]
 
 
-@pytest.mark.parametrize("name", ["l_arm", "r_leg", pytest.param("l_leg", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["l_arm", *(pytest.param(leg, marks=pytest.mark.slow) for leg in ("r_leg", "l_leg"))])
 def test_a_limb_ten_degrees_off_is_brought_back(world, searches, find, name):
     start, found, result = find(name)
     before, after = (limb_errors(world, searches, name, pose).mean() for pose in (start, found))
