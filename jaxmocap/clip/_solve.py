@@ -25,6 +25,10 @@ WALL = 1e5
 NEAR = 100.0
 """Weight of an increment, 1/rad^2 and 1/m^2, a tenth of what the three points of a single body say of its turns."""
 
+WINDOW, MARGIN = 512, 48
+"""Frames that are solved at once, and of these the frames next to a neighbouring window that are the neighbour's: what
+is so far away changes a pose by less than a tenth of a millimetre."""
+
 LEAST = 0.1
 """Confidence that a landmark has at least: where nothing else tells of it, it stays where it was found."""
 
@@ -69,26 +73,51 @@ def solve_clip(
     Feet that stand in the solution hold still in a second one. This is what Eq. 10 asks of neighbouring frames, asked
     of all at once; it looks at no picture again.
 
-    Each step of Levenberg and Marquardt solves a system that joins no frames farther apart than three, so that time and
-    memory grow linearly with the clip. `poses` are stacked along the first axis, `timestamps` are seconds.
+    Each step of Levenberg and Marquardt solves a system that joins no frames farther apart than three, and long clips
+    are solved in windows that overlap, so that time grows linearly with the clip and memory does not. `poses` are
+    stacked along the first axis, `timestamps` are seconds.
     """
     plan = ClipPlan() if plan is None else plan
     if len(timestamps) < 4:
         return SolvedClip(poses, [])
     if confidence is None:
         confidence = np.ones((len(timestamps), len(skeleton.landmark_names)))
-    solved = _descend(skeleton, poses, timestamps, confidence, plan, [])
+    solved = _in_windows(skeleton, poses, timestamps, confidence, plan, [])
     contacts: list[Contact] = []
     if plan.contacts is not None:
         places = np.asarray(_landmarks(skeleton, solved))
         contacts = find_contacts(places, timestamps, skeleton, np.eye(3)["xyz".index(up)], plan.contacts)
     if contacts:
-        solved = _descend(skeleton, poses, timestamps, confidence, plan, contacts)
+        solved = _in_windows(skeleton, poses, timestamps, confidence, plan, contacts)
     return SolvedClip(solved, contacts)
 
 
 _landmarks = jax.jit(jax.vmap(landmark_positions, in_axes=(None, 0)))
 _moved = jax.jit(jax.vmap(retract, in_axes=(None, 0, 0)))
+
+
+def _in_windows(
+    skeleton: Skeleton,
+    poses: Pose,
+    timestamps: Float[np.ndarray, " frame"],
+    confidence: Float[np.ndarray, "frame landmark"],
+    plan: ClipPlan,
+    contacts: list[Contact],
+) -> Pose:
+    """Solve window after window; of an overlap each of two windows has the half that is farther from its edge."""
+    frames, kept = len(timestamps), []
+    for first in range(0, max(frames - 2 * MARGIN, 1), WINDOW - 2 * MARGIN):
+        last = min(first + WINDOW, frames)
+        within = [
+            Contact(name, max(begin, first) - first, min(end, last - 1) - first)
+            for name, begin, end in contacts
+            if begin < last and end >= first
+        ]
+        part = jax.tree.map(lambda leaf, span=slice(first, last): leaf[span], poses)
+        solved = _descend(skeleton, part, timestamps[first:last], confidence[first:last], plan, within)
+        span = slice(MARGIN if first else 0, last - first if last == frames else WINDOW - MARGIN)
+        kept.append(jax.tree.map(lambda leaf, span=span: np.asarray(leaf)[span], solved))
+    return jax.tree.map(lambda *leaves: jax.device_put(np.concatenate(leaves)), *kept)
 
 
 def _descend(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmocap.character import ROOT_DOFS, Pose, landmark_positions, pose_from_vector, rest_pose
-from jaxmocap.clip import ClipPlan, find_contacts, solve_clip
+from jaxmocap.clip import ClipPlan, _solve, find_contacts, solve_clip
 from jaxmocap.clip._system import (
     ClipRows,
     body_points,
@@ -139,6 +139,18 @@ def test_joint_limits_hold(skeleton):
     solved = solve_clip(skeleton, found, time)
     assert bool((solved.poses.angles >= skeleton.lower - 1e-6).all())
     assert bool((solved.poses.angles <= skeleton.upper + 1e-6).all())
+
+
+def test_a_long_clip_is_solved_in_windows(skeleton, monkeypatch):
+    time, vectors = swinging(skeleton, 100)
+    found = noisy(skeleton, vectors, 8)
+    whole = solve_clip(skeleton, found, time)
+    monkeypatch.setattr(_solve, "WINDOW", 64)
+    monkeypatch.setattr(_solve, "MARGIN", 20)
+    parts = solve_clip(skeleton, found, time)
+    assert parts.contacts == whole.contacts
+    apart = places_of(skeleton, parts.poses) - places_of(skeleton, whole.poses)
+    assert np.abs(apart).max() < 1e-3
 
 
 def test_same_bits_every_time(skeleton):
