@@ -17,7 +17,7 @@ class ContactSettings(NamedTuple):
     Attributes:
         ground: percentile of a point's heights that is the ground: a frame that was lost must not lower it; 5.
         height: metres over the ground at which a contact begins; 0.025 (Zhang et al. 2018, as in `foot_skate`).
-        speed: metres per second below which a contact begins; 0.3.
+        speed: metres per second below which a contact begins; 0.1, for what slides on slowly does not stand.
         release: factor on both at which it ends; 2.
         shortest: seconds that a contact lasts at least; 0.06.
         slip: metres that a standing point may creep in a second, standard deviation; 0.005.
@@ -25,7 +25,7 @@ class ContactSettings(NamedTuple):
 
     ground: float = 5.0
     height: float = 0.025
-    speed: float = 0.3
+    speed: float = 0.1
     release: float = 2.0
     shortest: float = 0.06
     slip: float = 0.005

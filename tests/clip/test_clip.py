@@ -68,10 +68,11 @@ def rows_of(skeleton, time, vectors) -> ClipRows:
     )
 
 
-def test_a_body_that_moves_evenly_is_left_where_it_is(skeleton):
+@pytest.mark.parametrize("speed", [0.25, 0.7])
+def test_a_body_that_moves_evenly_is_left_where_it_is(skeleton, speed):
     time, vectors = swinging(skeleton, 12)
     vectors = np.repeat(vectors[:1], 12, axis=0)
-    vectors[:, 0] = 0.7 * time
+    vectors[:, 0] = speed * time
     poses = poses_of(skeleton, vectors)
     solved = solve_clip(skeleton, poses, time)
     np.testing.assert_allclose(places_of(skeleton, solved.poses), places_of(skeleton, poses), atol=2e-5)
