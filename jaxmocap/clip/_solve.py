@@ -26,8 +26,8 @@ NEAR = 100.0
 """Weight of an increment, 1/rad^2 and 1/m^2, a tenth of what the three points of a single body say of its turns."""
 
 WINDOW, MARGIN = 512, 48
-"""Frames that are solved at once, and of these the frames next to a neighbouring window that are the neighbour's: what
-is so far away changes a pose by less than a tenth of a millimetre."""
+"""Frames that are solved at once, and of these the frames next to a neighbouring window that are the neighbour's: at 60
+frames per second what is so far away moved no joint of a real clip by a micrometre."""
 
 LEAST = 0.1
 """Confidence that a landmark has at least: where nothing else tells of it, it stays where it was found."""
@@ -146,18 +146,20 @@ def _descend(
     )
     increments, damping = np.zeros(lower.shape), DAMPING
     found, moves = linearise(skeleton, points, poses, increments)
-    places = found
+    energy = energy_at(found, found, increments, rows)
+    system = normal_equations(found, found, moves, increments, rows)
     for _ in range(plan.steps):
-        step = normal_equations(found, places, moves, increments, rows).step(damping)
-        there = linearise(skeleton, points, poses, increments + step)
-        now = energy_at(found, places, increments, rows)
-        after = energy_at(found, there[0], increments + step, rows)
-        if after > now:
+        step = system.step(damping)
+        places, moves = linearise(skeleton, points, poses, increments + step)
+        after = energy_at(found, places, increments + step, rows)
+        if after > energy:
             damping *= 100
             continue
-        increments, damping, (places, moves) = increments + step, damping / 10, there
-        if after > now * (1 - SETTLED):
+        settled = after > energy * (1 - SETTLED)
+        increments, damping, energy = increments + step, damping / 10, after
+        if settled:
             break
+        system = normal_equations(found, places, moves, increments, rows)
     increments = np.clip(increments, lower, upper)
     return _moved(skeleton, poses, jnp.asarray(increments, jnp.float32))
 
