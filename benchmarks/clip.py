@@ -24,7 +24,7 @@ from jaxmocap.clip import ClipPlan, solve_clip  # noqa: E402
 from jaxmocap.metrics import evaluate  # noqa: E402
 from jaxmocap.motion import Motion  # noqa: E402
 
-PLANS = {"as tracked": None, "smooth": ClipPlan(contacts=None), "smooth, feet that stand": ClipPlan()}
+PLANS = {"as tracked": None, "smooth": ClipPlan(contacts=False), "smooth, feet that stand": ClipPlan()}
 SCORES = (
     ("marker error, mean", "marker_error_cm", "mean", "cm"),
     ("marker error, worst frame", "marker_error_cm", "max", "cm"),

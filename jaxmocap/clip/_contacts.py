@@ -11,24 +11,20 @@ FOOT_POINTS = ("heel", "toe")
 """Landmarks of a foot that may stand, after `l_` and `r_`."""
 
 
-class ContactSettings(NamedTuple):
-    """Say when a point of a foot stands; not in the paper.
+GROUND = 5.0
+"""Percentile of a point's heights that is the ground: a frame that was lost must not lower it."""
 
-    Attributes:
-        ground: percentile of a point's heights that is the ground: a frame that was lost must not lower it; 5.
-        height: metres over the ground at which a contact begins; 0.025 (Zhang et al. 2018, as in `foot_skate`).
-        speed: metres per second below which a contact begins; 0.1, for what slides on slowly does not stand.
-        release: factor on both at which it ends; 2.
-        shortest: seconds that a contact lasts at least; 0.06.
-        slip: metres that a standing point may creep in a second, standard deviation; 0.005.
-    """
+HEIGHT = 0.025
+"""Metres over the ground at which a contact begins (Zhang et al. 2018, as in `foot_skate`)."""
 
-    ground: float = 5.0
-    height: float = 0.025
-    speed: float = 0.1
-    release: float = 2.0
-    shortest: float = 0.06
-    slip: float = 0.005
+SPEED = 0.1
+"""Metres per second below which a contact begins: what slides on slowly does not stand."""
+
+RELEASE = 2.0
+"""Factor on height and speed at which a contact ends."""
+
+SHORTEST = 0.06
+"""Seconds that a contact lasts at least."""
 
 
 class Contact(NamedTuple):
@@ -44,29 +40,27 @@ def find_contacts(
     timestamps: Float[np.ndarray, " frame"],
     skeleton: Skeleton,
     up: Float[np.ndarray, "3"],
-    settings: ContactSettings | None = None,
 ) -> list[Contact]:
     """Find where heels and toes stand, with hysteresis: a contact begins low and slow and ends higher or faster.
 
     The ground is level and lies where a point is at its lowest; `up` is a unit vector. A person who hangs, or stands on
     the hands, has feet that are neither low nor still for long, and no contact.
     """
-    settings = ContactSettings() if settings is None else settings
     found = []
     for name in skeleton.landmark_names:
         if name.partition("_")[2] not in FOOT_POINTS or len(places) < 2:
             continue
         path = places[:, skeleton.landmark_names.index(name)].astype(np.float64)
         height = path @ up
-        height = height - np.percentile(height, settings.ground)
+        height = height - np.percentile(height, GROUND)
         pace = np.linalg.norm(np.diff(path, axis=0), axis=1) / np.diff(timestamps)
         speed = np.minimum(np.append(pace, np.inf), np.insert(pace, 0, np.inf))  # a foot that lands stands from here on
-        begins = (height < settings.height) & (speed < settings.speed)
-        holds = (height < settings.release * settings.height) & (speed < settings.release * settings.speed)
+        begins = (height < HEIGHT) & (speed < SPEED)
+        holds = (height < RELEASE * HEIGHT) & (speed < RELEASE * SPEED)
         found += [
             Contact(name, first, last)
             for first, last in _spans(holds)
-            if begins[first : last + 1].any() and timestamps[last] - timestamps[first] >= settings.shortest
+            if begins[first : last + 1].any() and timestamps[last] - timestamps[first] >= SHORTEST
         ]
     return found
 

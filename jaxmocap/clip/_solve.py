@@ -1,6 +1,6 @@
 """Refinement over the whole clip: every frame's answer, smooth motion, and feet that stay where they stand."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -10,11 +10,14 @@ from jaxtyping import Float
 
 from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, landmark_positions, retract
 
-from ._contacts import Contact, ContactSettings, find_contacts
+from ._contacts import Contact, find_contacts
 from ._system import ClipRows, body_points, energy_at, linearise, normal_equations, third_differences
 
 DAMPING = 1e-6
 """Of the first step, as a share of the diagonal (Levenberg and Marquardt)."""
+
+STEPS = 20
+"""Of Levenberg and Marquardt at most."""
 
 SETTLED = 2e-3
 """Share of the energy: a step that takes away less is the last one."""
@@ -29,6 +32,9 @@ WINDOW, MARGIN = 512, 48
 """Frames that are solved at once, and of these the frames next to a neighbouring window that are the neighbour's: at 60
 frames per second what is so far away moved no joint of a real clip by a micrometre."""
 
+SLIP = 0.005
+"""Metres that a standing point may creep in a second, standard deviation."""
+
 LEAST = 0.1
 """Confidence that a landmark has at least: where nothing else tells of it, it stays where it was found."""
 
@@ -41,14 +47,12 @@ class ClipPlan:
         deviation: metres by which points of the body err at random from frame to frame, along one axis; 0.005.
         jerk: spectral density of a point's jerk along one axis, m^2/s^5: how suddenly the person may move, at
             any frame rate; 3000.
-        contacts: how feet that stand are found; None lets them slide.
-        steps: of Levenberg and Marquardt at most; 20.
+        contacts: find feet that stand and hold them; True.
     """
 
     deviation: float = 0.005
     jerk: float = 3000.0
-    contacts: ContactSettings | None = field(default_factory=ContactSettings)
-    steps: int = 20
+    contacts: bool = True
 
 
 class SolvedClip(NamedTuple):
@@ -84,9 +88,9 @@ def solve_clip(
         confidence = np.ones((len(timestamps), len(skeleton.landmark_names)))
     solved = _in_windows(skeleton, poses, timestamps, confidence, plan, [])
     contacts: list[Contact] = []
-    if plan.contacts is not None:
+    if plan.contacts:
         places = np.asarray(_landmarks(skeleton, solved))
-        contacts = find_contacts(places, timestamps, skeleton, np.eye(3)["xyz".index(up)], plan.contacts)
+        contacts = find_contacts(places, timestamps, skeleton, np.eye(3)["xyz".index(up)])
     if contacts:
         solved = _in_windows(skeleton, poses, timestamps, confidence, plan, contacts)
     return SolvedClip(solved, contacts)
@@ -131,8 +135,7 @@ def _descend(
     points, steps = body_points(skeleton), np.diff(timestamps)
     still = np.zeros((len(steps), len(points.body)))
     for name, first, last in contacts:
-        assert plan.contacts is not None
-        still[first:last, skeleton.landmark_names.index(name)] = 1 / (plan.contacts.slip**2 * steps[first:last])
+        still[first:last, skeleton.landmark_names.index(name)] = 1 / (SLIP**2 * steps[first:last])
     lower, upper = _room(skeleton, poses)
     rows = ClipRows(
         told=np.maximum(confidence, LEAST)[:, points.landmark] / plan.deviation**2,
@@ -148,7 +151,7 @@ def _descend(
     found, moves = linearise(skeleton, points, poses, increments)
     energy = energy_at(found, found, increments, rows)
     system = normal_equations(found, found, moves, increments, rows)
-    for _ in range(plan.steps):
+    for _ in range(STEPS):
         step = system.step(damping)
         places, moves = linearise(skeleton, points, poses, increments + step)
         after = energy_at(found, places, increments + step, rows)

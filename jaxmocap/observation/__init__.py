@@ -32,7 +32,6 @@ from ._flow import (
 )
 from ._light import (
     LightMeter as LightMeter,
-    LightSettings as LightSettings,
     light_change as light_change,
     lit_apart as lit_apart,
     relit as relit,

@@ -1,7 +1,6 @@
 """Light that changes while filming: flashes, clouds, and phones that set exposure and white balance by themselves."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -20,21 +19,12 @@ _BLACK = 4.0
 _DARK, _BRIGHT = 16, 240
 
 
-@dataclass(frozen=True)
-class LightSettings:
-    """How the light of a frame is compared with that of the first. Not in the paper, whose colour models know one
-    light.
+STILL = 0.05
+"""Changes of the logarithm of a channel below this are left alone, so that in steady light every picture stays as it
+is; from twice that on they are taken out wholly."""
 
-    Attributes:
-        still: changes of the logarithm of a channel below this are left alone, so that in steady light every picture
-            stays as it is; from twice that on they are taken out wholly.
-        width: pixels at which pictures are compared.
-        overlap: share of them that has to show the same.
-    """
-
-    still: float = 0.05
-    width: int = 240
-    overlap: float = 0.5
+WIDTH, OVERLAP = 240, 0.5
+"""Pixels across at which pictures are compared, and the share of them that has to show the same."""
 
 
 class LightMeter(NamedTuple):
@@ -48,25 +38,25 @@ class LightMeter(NamedTuple):
     light: Float[np.ndarray, "3"]
 
     @staticmethod
-    def begin(image: UInt8[np.ndarray, "height width 3"], settings: LightSettings) -> "LightMeter":
+    def begin(image: UInt8[np.ndarray, "height width 3"]) -> "LightMeter":
         """Take the light of this picture as the measure of all others."""
-        small = _small(image, settings.width)
+        small = _small(image)
         return LightMeter(small, np.zeros(3), small, np.zeros(3))
 
-    def at(self, image: UInt8[np.ndarray, "height width 3"], settings: LightSettings) -> "LightMeter":
+    def at(self, image: UInt8[np.ndarray, "height width 3"]) -> "LightMeter":
         """Read the light of the next picture. Where nothing can be compared it stays."""
-        small = _small(image, settings.width)
+        small = _small(image)
         change, shared = light_change(self.anchor, small)
-        if shared >= settings.overlap:
+        if shared >= OVERLAP:
             return self._replace(last=small, light=self.anchor_light + change)
         change, shared = light_change(self.last, small)
-        light = self.light + change if shared >= 0.2 * settings.overlap else self.light
+        light = self.light + change if shared >= 0.2 * OVERLAP else self.light
         return LightMeter(self.last, self.light, small, light)
 
-    def factors(self, settings: LightSettings) -> Float[np.ndarray, "3"]:
+    def factors(self) -> Float[np.ndarray, "3"]:
         """Compute what the picture has to be divided by, per channel; 1 in steady light."""
         size = np.abs(self.light)
-        return np.exp(np.sign(self.light) * np.clip(2 * (size - settings.still), 0, size))
+        return np.exp(np.sign(self.light) * np.clip(2 * (size - STILL), 0, size))
 
 
 def light_change(
@@ -98,9 +88,9 @@ def relit(
     return [image if (factor == 1).all() else cv2.LUT(image, table) for image, factor, table in pairs]
 
 
-def _small(image: np.ndarray, width: int) -> UInt8[np.ndarray, "rows columns 3"]:
-    rows = max(round(image.shape[0] * width / image.shape[1]), 16)
-    return cv2.resize(image, (width, rows), interpolation=cv2.INTER_AREA)
+def _small(image: np.ndarray) -> UInt8[np.ndarray, "rows columns 3"]:
+    rows = max(round(image.shape[0] * WIDTH / image.shape[1]), 16)
+    return cv2.resize(image, (WIDTH, rows), interpolation=cv2.INTER_AREA)
 
 
 def lit_apart(

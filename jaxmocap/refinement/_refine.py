@@ -53,7 +53,6 @@ class RefinePlan:
             background.
         surface_flow: adds the correspondences transferred over the surface from the selected frames and the other
             views.
-        flow: settings of these.
         weights: of the rows and the prior.
         refiner: solves the compressed least-squares problem with the L1, the prior and the joint limits.
         autoregression: how the next increment is predicted, see `predict_difference`.
@@ -65,7 +64,6 @@ class RefinePlan:
     contours: ContourSettings = field(default_factory=ContourSettings)
     edges: Literal["canny", "background"] = "canny"
     surface_flow: bool = False
-    flow: FlowSettings = field(default_factory=FlowSettings)
     weights: RefineWeights = field(default_factory=RefineWeights)
     refiner: AbstractRefiner = field(default_factory=LeastSquares)
     autoregression: Literal["ridge", "quadratic", "velocity"] = "ridge"
@@ -104,10 +102,17 @@ def detection_rays(
 class Refinement:
     """Refines poses of a sequence's frames; keeps the pictures of the selected frames it compares with (host)."""
 
-    def __init__(self, observations: Observations, plan: RefinePlan, detections: DetectionPlan | None = None):
+    def __init__(
+        self,
+        observations: Observations,
+        plan: RefinePlan,
+        flow: FlowSettings | None = None,
+        detections: DetectionPlan | None = None,
+    ):
         self.observations = observations
         self.character = observations.character
         self.plan = plan
+        self.flow = FlowSettings() if flow is None else flow
         self.detections = detections
         self._selected: dict[tuple[int, int], Source] = {}
 
@@ -153,7 +158,7 @@ class Refinement:
         views = same_time_sources(pictures, problem, vertices, ids)
         for m in cameras:
             sources[m] = sources[m] + [views[n] for n in cameras if n != m]
-        flows = surface_flow(self.character, vertices, ids, crops, problem, sources, self.plan.flow)
+        flows = surface_flow(self.character, vertices, ids, crops, problem, sources, self.flow)
         scale = weights.residual_scale / jnp.sqrt(jnp.maximum(weights.surface, 1e-9))
         return [Rows(lines, scale, widen * weights.robust) for lines in flows]
 

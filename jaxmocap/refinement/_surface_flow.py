@@ -25,6 +25,18 @@ from jaxmocap.render import face_ids
 
 from ._transfer import View, transfer
 
+MARGIN = 3
+"""Pixels from the silhouette that flow does not tell of."""
+
+FACING = 0.25
+"""Least cosine between a face's normal and the direction to either camera."""
+
+COLOUR = 0.2
+"""Largest grey difference of a match that is believed, 0 to 1."""
+
+LONGEST = 25.0
+"""Longest flow that is believed, pixels."""
+
 
 @dataclass(frozen=True)
 class Source:
@@ -86,22 +98,14 @@ def same_time_sources(
 
 @dataclass(frozen=True)
 class FlowSettings:
-    """Which surface points optical flow moves, and which of its answers to believe. Not in the paper.
+    """How closely optical flow looks at the surface. Not in the paper.
 
     Attributes:
-        samples: rows per view and source.
-        margin: pixels from the silhouette that are left out.
-        facing: least cosine between a face's normal and the direction to either camera.
-        colour: largest grey difference of a match, 0 to 1.
-        longest: longest flow, pixels.
-        preset: of OpenCV's DIS flow: "ultrafast", "fast" or "medium".
+        samples: rows per view and source; 800.
+        preset: of OpenCV's DIS flow: "ultrafast", "fast" or "medium"; "medium".
     """
 
     samples: int = 800
-    margin: int = 3
-    facing: float = 0.25
-    colour: float = 0.2
-    longest: float = 25.0
     preset: str = "medium"
 
 
@@ -177,7 +181,7 @@ def compare(
         predicted = np.where(seen_here, np.clip(transferred * gain, 0, 255), target_here).astype(np.uint8)
         forward = dense_flow(predicted, target_here, settings.preset)
         backward = dense_flow(target_here, predicted, settings.preset)
-        good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here, settings)
+        good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here)
         weight[box], moved[box] = textured(predicted), forward
     return Comparison(source_pixel, seen, good, moved, weight)
 
@@ -220,17 +224,16 @@ def usable(
     backward: np.ndarray,
     predicted: np.ndarray,
     target: np.ndarray,
-    settings: FlowSettings,
 ) -> Bool[np.ndarray, "height width"]:
     """Mark the pixels whose flow may be believed."""
-    size = 2 * settings.margin + 1
+    size = 2 * MARGIN + 1
     good = cv2.erode(seen.astype(np.uint8), np.ones((size, size), np.uint8), borderValue=0) > 0
-    good &= (cosine > settings.facing) & flow_agrees(forward, backward)
-    good &= squared_length(forward) < settings.longest**2
+    good &= (cosine > FACING) & flow_agrees(forward, backward)
+    good &= squared_length(forward) < LONGEST**2
     height, width = target.shape
     there = np.arange(width) + 0.5 + forward[..., 0], np.arange(height)[:, None] + 0.5 + forward[..., 1]
     found = sample_picture(target, *there)
-    return good & (np.abs(found.astype(np.float32) - predicted) < 255 * settings.colour)
+    return good & (np.abs(found.astype(np.float32) - predicted) < 255 * COLOUR)
 
 
 def textured(picture: UInt8[np.ndarray, "height width"]) -> Float[np.ndarray, "height width"]:

@@ -66,14 +66,13 @@ class FrameTracker:
         self.body_search = (
             None if search is None else BodySearch(observations, tracker.scored, search, tracker.sampler, *scored)
         )
-        self.refinement = None if refine is None else Refinement(observations, refine, tracker.detections)
+        self.refinement = None if refine is None else Refinement(observations, refine, tracker.flow, tracker.detections)
 
     def first(self, shown: FrameImages, pose: Pose) -> Step:
         """Take a registered pose as the answer of a frame, at which a sequence starts."""
-        light = self.tracker.light
         state = TrackingState(
             self.observations.background.start(),
-            light=() if light is None else tuple(LightMeter.begin(image, light) for image in shown.images),
+            light=tuple(LightMeter.begin(image) for image in shown.images) if self.tracker.light else (),
             search=None if self.body_search is None else self.body_search.start(),
         )
         clock = Clock()
@@ -264,13 +263,12 @@ class FrameTracker:
         self, state: TrackingState, shown: FrameImages, clock: Clock
     ) -> tuple[FrameImages, TrackingState]:
         """Show the frame in the light of the one at which the sequence started."""
-        settings = self.tracker.light
-        if settings is None:
+        if not self.tracker.light:
             return shown, state
         with clock.stage("light"):
             meters = zip(state.light, shown.images, strict=True)
-            light = tuple(meter.at(image, settings) for meter, image in meters)
-            factors = np.stack([meter.factors(settings) for meter in light])
+            light = tuple(meter.at(image) for meter, image in meters)
+            factors = np.stack([meter.factors() for meter in light])
             shown = shown if (factors == 1).all() else shown.in_light(factors)
         return shown, state._replace(light=light)
 

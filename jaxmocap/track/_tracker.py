@@ -7,7 +7,6 @@ from jaxmocap._types import Quality
 from jaxmocap.clip import ClipPlan
 from jaxmocap.energies import ContourSettings, SearchEnergy, search_energy
 from jaxmocap.motion import AngleChoice
-from jaxmocap.observation import LightSettings
 from jaxmocap.refinement import DetectionPlan, FlowSettings, RefinePlan, RefineWeights
 from jaxmocap.samplers import AbstractSampler, InteractingSimulatedAnnealing
 from jaxmocap.search import Effort, Gating, PolishPlan, Retry, SearchPlan
@@ -36,8 +35,8 @@ class Tracker:
             hip that are farther from the joint limits (see `character.away_from_limits`); "same" is the paper.
         longest_flash: frames in a row, not selected ones, that are passed over when the light jumps, and then lie
             between their neighbours; 0 is the paper.
-        flow: how optical flow is computed for the start.
-        light: bring every frame into the light of the first before anything looks at it; None is the paper.
+        flow: how optical flow is computed, for the start, the refinement and the verdict.
+        light: bring every frame into the light of the first before anything looks at it; False is the paper.
         clip: solve all frames together once they are tracked; None is the paper.
         verdict: when a frame or a part of it is doubtful or lost; ours.
     """
@@ -54,7 +53,7 @@ class Tracker:
     angles: AngleChoice = "same"
     longest_flash: int = 0
     flow: FlowSettings = field(default_factory=FlowSettings)
-    light: LightSettings | None = None
+    light: bool = False
     clip: ClipPlan | None = None
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
 
@@ -87,7 +86,7 @@ class Tracker:
             "prediction": True,
             "angles": "away_from_limits",
             "longest_flash": 3,
-            "light": LightSettings(),
+            "light": True,
             "clip": ClipPlan(),
         }
         if quality == "normal":

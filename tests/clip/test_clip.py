@@ -82,7 +82,7 @@ def test_a_body_that_moves_evenly_is_left_where_it_is(skeleton, speed):
 def test_sure_frames_stay_where_they_are(skeleton):
     time, vectors = swinging(skeleton)
     poses = poses_of(skeleton, vectors)
-    solved = solve_clip(skeleton, poses, time, plan=ClipPlan(deviation=1e-6, contacts=None))
+    solved = solve_clip(skeleton, poses, time, plan=ClipPlan(deviation=1e-6, contacts=False))
     np.testing.assert_allclose(places_of(skeleton, solved.poses), places_of(skeleton, poses), atol=1e-4)
 
 
@@ -118,7 +118,7 @@ def test_feet_that_stand_are_found_and_stay(skeleton):
     found = noisy(skeleton, vectors, 2, 0.003)  # 5 mm at the feet, the noise that the plan expects
     solved = solve_clip(skeleton, found, time)
     assert {contact.landmark for contact in solved.contacts} == {"l_heel", "l_toe", "r_heel", "r_toe"}
-    sliding = solve_clip(skeleton, found, time, plan=ClipPlan(contacts=None))
+    sliding = solve_clip(skeleton, found, time, plan=ClipPlan(contacts=False))
     for name, first, last in solved.contacts:
         point, interval = skeleton.landmark_names.index(name), slice(first, last + 1)
         paths = [places_of(skeleton, clip.poses)[interval, point] for clip in (solved, sliding)]

@@ -69,7 +69,7 @@ def test_detections_are_rows_of_the_refinement(world, tmp_path):
     frame = Frame(shown, rectangle, observations.problem(shown, rectangle, start))
     errors = []
     for detections in (None, DetectionPlan(scale=0.02)):
-        refinement = Refinement(observations, RefinePlan(rounds=3), detections)
+        refinement = Refinement(observations, RefinePlan(rounds=3), detections=detections)
         pose, _ = refinement(frame, start, None)
         errors.append(vertex_errors(world, 1, pose).mean())
     assert errors[1] < 0.1 * errors[0]
