@@ -38,16 +38,27 @@ def view(
         str, tyro.conf.arg(metavar="ADDRESS", help="Who may look: 0.0.0.0 lets in the whole network.")
     ] = "127.0.0.1",
     port: Annotated[int, tyro.conf.arg(metavar="N", help="First port to try.")] = 8080,
+    movie: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="Write FILE.mp4, a turn round the person as the clip plays, or FILE.png, the first view.",
+            help_behavior_hint="",
+        ),
+    ] = None,
     rerun: Annotated[
         Path | None,
         tyro.conf.arg(metavar="FILE.rrd", help="Write a recording for Rerun and show nothing.", help_behavior_hint=""),
     ] = None,
 ) -> int:
     """Show a result in the browser: mesh, skeleton, cameras with images, curves, truth, a second result."""
-    from jaxmocap.viewers import view, write_rerun
+    from jaxmocap.viewers import view, write_movie, write_rerun
 
     if not 0 <= port <= 65535:
         raise InputError(f"--port is {port}; a number from 0 to 65535 was expected, such as 8080.")
+    if movie is not None:
+        say(f"{write_movie(result, movie, other=other, capture=capture)}")
+        return 0
     if rerun is not None:
         path, missing = write_rerun(result, rerun, other=other, truth=truth, capture=capture)
         for sentence in missing:

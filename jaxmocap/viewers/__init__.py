@@ -11,6 +11,7 @@ from ._overlay import (
 )
 from ._report_page import report_page as report_page
 from ._rerun import write_rerun as write_rerun
+from ._turntable import write_movie as write_movie
 from ._video import (
     VideoWriter as VideoWriter,
     open_video as open_video,

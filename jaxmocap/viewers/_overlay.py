@@ -206,14 +206,21 @@ def _draw_verdict(image: np.ndarray, status: str, label: str) -> None:
     scale = max(min(height, width) / 540, 0.4)
     margin = round(12 * scale)
     if label:
-        _write(image, label, (margin, margin + round(20 * scale)), 0.6 * scale, (255, 255, 255))
+        write_words(image, label, (margin, margin + round(20 * scale)), 0.6 * scale, (255, 255, 255))
     if status != "ok":
         border = max(round((10 if status == "lost" else 5) * scale), 2)
         cv2.rectangle(image, (0, 0), (width - 1, height - 1), _COLOURS[status], 2 * border - 1)
-        _write(image, status.upper(), (margin, height - 2 * margin), 1.4 * scale, _COLOURS[status])
+        write_words(image, status.upper(), (margin, height - 2 * margin), 1.4 * scale, _COLOURS[status])
 
 
-def _write(image: np.ndarray, text: str, origin: tuple[int, int], scale: float, colour: tuple[int, int, int]) -> None:
+def write_words(
+    image: UInt8[np.ndarray, "height width 3"],
+    text: str,
+    origin: tuple[int, int],
+    scale: float,
+    colour: tuple[int, int, int],
+) -> None:
+    """Write a line with a shadow into an image, its left foot at `origin`, pixels."""
     thickness = max(round(2 * scale), 1)
     for shift, ink in ((1, (0, 0, 0)), (0, colour)):  # the shadow keeps the text readable on a bright image
         place = (origin[0] + shift, origin[1] + shift)

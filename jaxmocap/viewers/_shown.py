@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -14,10 +15,12 @@ from jaxmocap.geometry import IDENTITY, align_cameras
 from jaxmocap.metrics import Truth
 from jaxmocap.motion import Motion
 
+from ._first_view import frustum_size
 from ._overlay import bone_indices
 from ._video import positions_in_capture
 
 _IMAGE_SIDE = 640  # pixels of the longer side; enough to look at, quick to send
+_MOMENTS = 60  # positions at which the person's way is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,17 +49,69 @@ class Shown:
     def camera_names(self) -> tuple[str, ...]:
         return () if self.motion.cameras is None else self.motion.cameras.names
 
-    def image(self, view: int, index: int) -> UInt8[np.ndarray, "height width 3"] | None:
-        """Read one view's image at a position of the motion, RGB, made smaller; None without a capture."""
+    def image(self, view: int, index: int, side: int = _IMAGE_SIDE) -> UInt8[np.ndarray, "height width 3"] | None:
+        """Read one view's image at a position of the motion, RGB, its longer side at most `side` pixels; None without a
+        capture."""
         if self.capture is None:
             return None
         image = self.capture.image(view, self.positions[index])
-        scale = min(_IMAGE_SIDE / max(image.shape[:2]), 1.0)
+        scale = min(side / max(image.shape[:2]), 1.0)
         return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+    @cached_property
+    def people(self) -> Float[np.ndarray, "point 3"]:
+        """Joints at moments of the whole clip, with the ground under them, metres."""
+        joints = self.motion.joints[:: max(len(self.motion) // _MOMENTS, 1)].reshape(-1, 3).astype(np.float64)
+        below = joints.copy()
+        below[:, "xyz".index(self.motion.up)] = self.ground
+        return np.concatenate([joints, below])
+
+    @cached_property
+    def ground(self) -> float:
+        """Height of the ground: below it are hardly any joints, metres."""
+        return float(np.percentile(self.motion.joints[..., "xyz".index(self.motion.up)], 1))
+
+    def world_from_cam(self, view: int, index: int) -> Float[np.ndarray, "4 4"]:
+        """Return where one camera is at a position of the motion."""
+        assert self.motion.cameras is not None
+        cam_from_world = np.asarray(self.motion.cameras.cam_from_world[view, index], np.float64)
+        pose = np.eye(4)
+        pose[:3, :3] = cam_from_world[:3, :3].T
+        pose[:3, 3] = -pose[:3, :3] @ cam_from_world[:3, 3]
+        return pose
+
+    def frustum_depth(self, view: int) -> float:
+        """Compute how far a camera's drawn picture is from it, so that the frustum is a tenth of the scene, metres."""
+        cameras = self.motion.cameras
+        assert cameras is not None
+        tangents = np.array(cameras.sizes[view]) / np.diag(np.asarray(cameras.intrinsics[view]))[:2]
+        centres = np.array([self.world_from_cam(number, 0)[:3, 3] for number in range(len(cameras.names))])
+        return frustum_size(self.people, centres) / max(1.0, *tangents.tolist())
+
+    def frustum(self, view: int, index: int) -> Float[np.ndarray, "5 3"]:
+        """Find the corners of a camera's drawn frustum: its centre, and its picture's corners in order, metres."""
+        cameras, depth = self.motion.cameras, self.frustum_depth(view)
+        assert cameras is not None
+        half = depth * np.array(cameras.sizes[view]) / (2 * np.diag(np.asarray(cameras.intrinsics[view]))[:2])
+        signs = np.array([[0, 0, 0], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
+        pose = self.world_from_cam(view, index)
+        return signs * [*half, depth] @ pose[:3, :3].T + pose[:3, 3]
+
+    def scene(self, index: int) -> tuple[Float[np.ndarray, "point 3"], Float[np.ndarray, "camera 5 3"], int]:
+        """Gather what the first view frames: the person's points, the frusta, and which axis is vertical."""
+        frusta = [self.frustum(view, index) for view in range(len(self.camera_names))]
+        return self.people, np.array(frusta).reshape(-1, 5, 3), "xyz".index(self.motion.up)
 
     def bones(self, motion: Motion, index: int) -> Float[np.ndarray, "bone 2 3"]:
         """Find both ends of the skeleton's bones, metres."""
         return motion.joints[index][bone_indices(motion.joint_names)]
+
+    def aside(self) -> tuple[float, float, float]:
+        """Return where a second result stands beside the first: 1.5 metres to the right as the first camera sees it."""
+        cameras = self.motion.cameras
+        right = (1.0, 0.0, 0.0) if cameras is None else np.asarray(cameras.cam_from_world[0, 0, 0, :3], float)
+        x, y, z = (1.5 * float(value) for value in right)
+        return x, y, z
 
     def other_at(self, index: int) -> int | None:
         """Find where the second motion shows the same frame; None where it does not."""

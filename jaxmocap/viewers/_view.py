@@ -12,13 +12,18 @@ from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
 from jaxmocap.motion import Motion
 
+from ._limb_trust import words_about
 from ._shown import Shown, gather
+from ._view_body import BodyView, add_mesh
 from ._view_cameras import CameraViews
 
-_STATUS_COLOURS = {"ok": (70, 170, 255), "doubtful": (255, 160, 30), "lost": (235, 60, 60)}
 _OTHER_COLOUR, _TRUTH_COLOUR = (170, 120, 230), (30, 160, 70)
 _CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#56a0d0")
 _FREE = "free"
+_LEGEND = (
+    "Blue: found. Orange: doubtful. Red, see-through: lost or hidden. "
+    "Click a camera to look through it, and its picture to leave it."
+)
 
 
 def view(
@@ -52,13 +57,14 @@ class ResultViewer:
     def __init__(self, server: Any, shown: Shown):
         self._server, self.shown = server, shown
         self.position = -1
-        self._lock, self._stopped = threading.RLock(), threading.Event()
+        self._lock, self._stopped, self._asked = threading.RLock(), threading.Event(), threading.Event()
         self._build_scene()
         self._build_panel()
         self.go(0)
-        server.on_client_connect(lambda client: self._cameras.lead(client, self.position, self._view_index()))
-        self._player = threading.Thread(target=self._play_along, daemon=True)
-        self._player.start()
+        server.on_client_connect(lambda client: self._cameras.welcome(client, self.position, self._view_index()))
+        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._play_along, self._follow)]
+        for thread in self._threads:
+            thread.start()
 
     @property
     def url(self) -> str:
@@ -75,8 +81,8 @@ class ResultViewer:
         with self._lock:
             if position == self.position:
                 return
-            self.position = position
             self._slider.value = position
+            self.position = position
             self._draw()
 
     def play(self, on: bool) -> None:
@@ -93,7 +99,9 @@ class ResultViewer:
         """Close the page."""
         if not self._stopped.is_set():
             self._stopped.set()
-            self._player.join(timeout=2)
+            self._asked.set()
+            for thread in self._threads:
+                thread.join(timeout=2)
             self._server.stop()
 
     # The scene ----------------------------------------------------------------------------------------------------
@@ -104,13 +112,13 @@ class ResultViewer:
         scene.set_up_direction(f"+{motion.up}")
         axis = "xyz".index(motion.up)
         ground = np.zeros(3)
-        ground[axis] = np.percentile(motion.joints[..., axis], 1)
+        ground[axis] = shown.ground
         scene.add_grid("/ground", plane=("yz", "xz", "xy")[axis], position=tuple(ground.tolist()), cell_size=0.5)
-        self._mesh = self._add_mesh("/result/mesh", motion, 0, _STATUS_COLOURS["ok"])
+        self._body = BodyView(self._server, "/result/mesh", motion)
         self._bones = scene.add_line_segments("/result/skeleton", shown.bones(motion, 0), (20, 90, 40), thickness=0.014)
         self._other_mesh = self._other_bones = None
         if shown.other is not None:
-            self._other_mesh = self._add_mesh("/other/mesh", shown.other, 0, _OTHER_COLOUR)
+            self._other_mesh = add_mesh(self._server, "/other/mesh", shown.other, _OTHER_COLOUR)
             points = shown.bones(shown.other, 0)
             self._other_bones = scene.add_line_segments("/other/skeleton", points, (80, 40, 130), thickness=0.014)
         self._truth = None
@@ -118,11 +126,7 @@ class ResultViewer:
             self._truth = scene.add_point_cloud(
                 "/truth", np.zeros((1, 3), np.float32), _TRUTH_COLOUR, point_size=0.02, point_shape="circle"
             )
-        self._cameras = CameraViews(self._server, shown)
-
-    def _add_mesh(self, path: str, motion: Motion, index: int, colour: tuple[int, int, int]) -> Any:
-        faces = np.asarray(motion.character.faces)
-        return self._server.scene.add_mesh_simple(path, motion.vertices(index), faces, color=colour, side="double")
+        self._cameras = CameraViews(self._server, shown, self._look_through)
 
     # The panel ----------------------------------------------------------------------------------------------------
 
@@ -130,11 +134,13 @@ class ResultViewer:
         shown, gui = self.shown, self._server.gui
         motion = shown.motion
         gui.configure_theme(dark_mode=False, show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()  # beside the scene, which it would cover
         self._says = gui.add_text("Frame", "", disabled=True)
+        gui.add_markdown(_LEGEND)
         self._slider = gui.add_slider("Position", 0, max(len(motion) - 1, 1), 1, 0)
         self._play = gui.add_checkbox("Play", False)
         self._speed = gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0)
-        self._slider.on_update(lambda _: self.go(self._slider.value))
+        self._slider.on_update(lambda _: self._asked.set())
         self._eye = gui.add_dropdown("Look through", (_FREE, *shown.camera_names), initial_value=_FREE)
         self._eye.on_update(lambda _: self._look())
         self._opacity = gui.add_slider("Overlay opacity", 0.0, 1.0, 0.05, 0.8)
@@ -179,16 +185,13 @@ class ResultViewer:
             self._draw()
 
     def _draw(self) -> None:
+        """Draw the bodies at once; curves and images, which take longer, only where nobody has scrubbed on."""
         shown, index = self.shown, self.position
         motion = shown.motion
-        status = str(motion.status[index])
-        opacity = float(self._opacity.value)
         with self._server.atomic():
-            self._says.value = f"{motion.frames[index]}, {motion.timestamps[index]:.2f} s, {status}"
-            self._mesh.vertices = motion.vertices(index)
-            self._mesh.color = _STATUS_COLOURS[status]
-            self._mesh.opacity = None if opacity >= 1 else opacity
-            self._mesh.visible = self._with_mesh.value and opacity > 0
+            self._says.value = f"{motion.frames[index]}, {motion.timestamps[index]:.2f} s, {words_about(motion, index)}"
+            opacity = float(self._opacity.value)
+            self._body.draw(index, opacity, self._with_mesh.value)
             self._bones.points = shown.bones(motion, index)
             self._bones.visible = self._with_bones.value
             self._draw_other(opacity)
@@ -198,7 +201,12 @@ class ResultViewer:
                 self._truth.visible = self._with_truth.value and len(points) > 0
                 if len(points):
                     self._truth.points = points
-            self._cameras.draw(index, self._view_index(), self._with_cameras.value, self._with_images.value)
+            self._cameras.place(index, self._view_index(), self._with_cameras.value)
+        self._server.flush()
+        if self._asked.is_set() and self._slider.value != index:
+            return
+        with self._server.atomic():
+            self._cameras.show_images(index, self._view_index(), self._with_images.value)
             for plot, x, values in self._plots:
                 now = np.full(len(x), np.min(values))
                 now[index] = np.max(values)  # a spike where the slider is
@@ -218,22 +226,30 @@ class ResultViewer:
         self._other_mesh.opacity = None if opacity >= 1 else opacity
         self._other_bones.points = self.shown.bones(self.shown.other, place)
         for handle in (self._other_mesh, self._other_bones):
-            handle.position = self._aside() if self._beside.value else (0.0, 0.0, 0.0)
-
-    def _aside(self) -> tuple[float, float, float]:
-        """1.5 metres to the right as the first camera sees it."""
-        cameras = self.shown.motion.cameras
-        right = (1.0, 0.0, 0.0) if cameras is None else np.asarray(cameras.cam_from_world[0, 0, 0, :3], float)
-        x, y, z = (1.5 * float(value) for value in right)
-        return x, y, z
+            handle.position = self.shown.aside() if self._beside.value else (0.0, 0.0, 0.0)
 
     def _look(self) -> None:
         self._redraw()
         for client in self._server.get_clients().values():
             self._cameras.lead(client, self.position, self._view_index())
 
+    def _look_through(self, camera: int | None) -> None:
+        """Look through a camera that was clicked, or none."""
+        self._eye.value = _FREE if camera is None else self.shown.camera_names[camera]
+
     def _view_index(self) -> int | None:
         return None if self._eye.value == _FREE else self.shown.camera_names.index(self._eye.value)
+
+    def _follow(self) -> None:
+        """Draw where the slider is, always the latest place: what was scrubbed past meanwhile is left out."""
+        while not self._stopped.is_set():
+            self._asked.wait()
+            self._asked.clear()
+            with self._lock:
+                position = int(self._slider.value)
+                if position != self.position and position < len(self.shown.motion):
+                    self.position = position
+                    self._draw()
 
     def _play_along(self) -> None:
         times = self.shown.motion.timestamps

@@ -1,64 +1,90 @@
 """The cameras of the viewer's page, and the eyes of its visitors."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ._first_view import FIELD_OF_VIEW, first_view
 from ._shown import Shown
 
-_FRUSTUM = 0.6  # metres from a camera to its little picture
 _BEHIND = 3.0  # metres from the person to the picture behind it, seen through a camera
+_IN_FRUSTUM, _ON_SCREEN = 320, 960  # pixels of the longer side of a camera's picture, small and looked at
 
 
 class CameraViews:
     """Frusta with the images where the cameras are; and, for who looks through one, its image as a wall behind the
-    person."""
+    person. `chosen` is called with a camera's index when its frustum is clicked, and with None when the wall is."""
 
-    def __init__(self, server: Any, shown: Shown):
+    def __init__(self, server: Any, shown: Shown, chosen: Callable[[int | None], None]):
         self._server, self._shown = server, shown
         self._middle = shown.motion.joints.mean(axis=(0, 1)).astype(float)
         self.frusta, self.screens = [], []
         blank = np.zeros((2, 2, 3), np.uint8)
         for index, name in enumerate(shown.camera_names):
             width, height = shown.motion.cameras.sizes[index]
-            look = {"fov": self._fov(index), "aspect": width / height, "scale": _FRUSTUM, "color": (60, 60, 60)}
-            self.frusta.append(server.scene.add_camera_frustum(f"/cameras/{index}", **look))
+            fov, aspect = self._fov(index), width / height
+            depth = shown.frustum_depth(index)
+            volume = np.cbrt(np.tan(fov / 2) ** 2 * aspect / 3)  # viser scales frusta to one volume
+            look = {"fov": fov, "aspect": aspect, "scale": depth * volume, "color": (60, 60, 60)}
+            frustum = server.scene.add_camera_frustum(f"/cameras/{index}", **look)
+            frustum.on_click(lambda _, index=index: chosen(index))
             server.scene.add_label(f"/cameras/{index}/name", name)
-            self.screens.append(server.scene.add_image(f"/screens/{index}", blank, 1.0, 1.0, visible=False))
+            screen = server.scene.add_image(f"/screens/{index}", blank, 1.0, 1.0, visible=False)
+            screen.on_click(lambda _: chosen(None))
+            self.frusta.append(frustum)
+            self.screens.append(screen)
 
-    def draw(self, position: int, through: int | None, with_cameras: bool, with_images: bool) -> None:
-        """Show the cameras at a position of the motion, or what the one looked `through` sees."""
-        for index, (frustum, screen) in enumerate(zip(self.frusta, self.screens, strict=True)):
+    def place(self, position: int, through: int | None, with_cameras: bool) -> None:
+        """Put the frusta where the cameras are at a position of the motion, and whoever looks through one there."""
+        for index, frustum in enumerate(self.frusta):
             frustum.wxyz, frustum.position, _ = self._pose_of(index, position)
             frustum.visible = with_cameras and through is None
-            screen.visible = through == index and with_images
-            image = self._shown.image(index, position) if with_images else None
-            if screen.visible and image is not None:
-                self._place_screen(index, position, screen, image)
-            elif frustum.visible:
-                frustum.image = image
         if through is not None:
             for client in self._server.get_clients().values():
                 self.lead(client, position, through)
 
+    def show_images(self, position: int, through: int | None, with_images: bool) -> None:
+        """Show what the cameras saw, in the frusta or behind the person for who looks `through` one."""
+        for index, (frustum, screen) in enumerate(zip(self.frusta, self.screens, strict=True)):
+            screen.visible = through == index and with_images
+            if not (screen.visible or frustum.visible):
+                continue
+            side = _ON_SCREEN if screen.visible else _IN_FRUSTUM
+            image = self._shown.image(index, position, side) if with_images else None
+            if screen.visible and image is not None:
+                self._place_screen(index, position, screen, image)
+            elif frustum.visible:
+                frustum.image = image
+
     def lead(self, client: Any, position: int, through: int | None) -> None:
-        """Put a visitor's eye where a camera was; or, free, some steps before the person on the first camera's side."""
-        axis = "xyz".index(self._shown.motion.up)
+        """Put a visitor's eye where a camera was; or, free, where person, ground and cameras are seen from outside."""
         if through is not None:
             _, place, rotation = self._pose_of(through, position)
             target = place + rotation[:, 2] * float(np.linalg.norm(self._middle - place))
             up, fov = -rotation[:, 1], self._fov(through)
         else:
-            away = np.array([[1.0, -2.5, 2.5], [2.5, 1.0, 2.5], [2.5, -2.5, 1.0]])[axis]
-            if self.frusta:
-                _, place, rotation = self._pose_of(0, position)
-                away = 0.75 * (place - self._middle) + 0.6 * rotation[:, 0] - 0.5 * rotation[:, 1]
-            place, target, fov = self._middle + away, self._middle, 0.9
-            up = np.eye(3)[axis]
+            eye = first_view(*self._shown.scene(position), float(client.camera.aspect))
+            place, target, up, fov = eye.position, eye.target, eye.up, FIELD_OF_VIEW
         with client.atomic():
             client.camera.fov, client.camera.up_direction = fov, up
             client.camera.position, client.camera.look_at = place, target
+
+    def welcome(self, client: Any, position: int, through: int | None) -> None:
+        """Lead a new visitor, and anew when their window changes its shape and they have not looked round yet."""
+        self.lead(client, position, through)
+        led = {"aspect": client.camera.aspect, "place": client.camera.position}
+
+        def reshaped(_: Any) -> None:
+            camera = client.camera
+            still = np.allclose(camera.position, led["place"], atol=1e-3)
+            if still and through is None and abs(camera.aspect - led["aspect"]) > 1e-3:
+                led["aspect"] = camera.aspect
+                self.lead(client, position, None)
+                led["place"] = camera.position
+
+        client.camera.on_update(reshaped)
 
     def _place_screen(self, index: int, position: int, screen: Any, image: np.ndarray) -> None:
         """Show the picture just as large as the camera sees it there."""
@@ -73,9 +99,9 @@ class CameraViews:
 
     def _pose_of(self, index: int, position: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return a camera's rotation as a quaternion, its place, and the rotation `world_from_cam`."""
-        cam_from_world = np.asarray(self._shown.motion.cameras.cam_from_world[index, position], np.float64)
-        rotation = cam_from_world[:3, :3].T
-        return Rotation.from_matrix(rotation).as_quat(scalar_first=True), -rotation @ cam_from_world[:3, 3], rotation
+        world_from_cam = self._shown.world_from_cam(index, position)
+        rotation = world_from_cam[:3, :3]
+        return Rotation.from_matrix(rotation).as_quat(scalar_first=True), world_from_cam[:3, 3], rotation
 
     def _fov(self, index: int) -> float:
         """Compute the vertical field of view, radians."""

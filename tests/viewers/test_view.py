@@ -1,8 +1,11 @@
 """The viewer: what it shows at each frame, whom it lets in, and what it says about what is not there."""
 
+import time
 import urllib.request
 from dataclasses import replace
 
+import av
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -12,8 +15,11 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_capture, write_capture
-from jaxmocap.viewers import view, write_rerun
+from jaxmocap.viewers import _turntable as turntable, view, write_rerun
+from jaxmocap.viewers._first_view import first_view
+from jaxmocap.viewers._limb_trust import body_status, words_about
 from jaxmocap.viewers._shown import gather
+from jaxmocap.viewers._turntable import draw_scene
 
 FRAMES = 4
 
@@ -107,9 +113,11 @@ def test_every_frame_shows_its_pose_its_images_and_its_status(viewer, world):
     for index in (2, 1, 3, 0):
         viewer.go(index)
         assert viewer._slider.value == index
-        np.testing.assert_allclose(viewer._mesh.vertices, motion.vertices(index), atol=1e-5)
+        np.testing.assert_allclose(
+            viewer._body.parts[str(motion.status[index])].vertices, motion.vertices(index), atol=1e-5
+        )
         np.testing.assert_allclose(viewer._truth.points, shown.markers[index], atol=2e-3)  # float16 on the wire
-        assert viewer._says.value.endswith(str(motion.status[index]))
+        assert viewer._says.value.endswith(f"s, {motion.status[index]}")
         ends = viewer._bones.points[0]
         pelvis, spine = (motion.joints[index, motion.joint_names.index(name)] for name in ("pelvis", "spine"))
         np.testing.assert_allclose(ends, [pelvis, spine], atol=1e-6)
@@ -120,7 +128,7 @@ def test_every_frame_shows_its_pose_its_images_and_its_status(viewer, world):
 def test_toggles_hide_what_they_name(viewer):
     viewer.go(1)
     pairs = {
-        "_with_mesh": viewer._mesh,
+        "_with_mesh": viewer._body.parts["doubtful"],
         "_with_bones": viewer._bones,
         "_with_truth": viewer._truth,
         "_with_other": viewer._other_mesh,
@@ -134,7 +142,7 @@ def test_toggles_hide_what_they_name(viewer):
             assert handle.visible == value, name
     viewer._opacity.value = 0.5
     viewer._redraw()
-    assert viewer._mesh.opacity == 0.5
+    assert viewer._body.parts["doubtful"].opacity == 0.5
 
 
 def test_a_second_result_stands_to_the_right_when_side_by_side(viewer, world):
@@ -242,3 +250,90 @@ def test_motions_without_cameras_or_truth_are_shown_too(world):
         assert served.position == 0
     finally:
         served.stop()
+
+
+# The first view, the limbs that are not trusted, and the movie ------------------------------------------------------
+
+
+def test_the_first_view_holds_person_ground_and_cameras_and_no_camera_stands_before_the_person(world):
+    shown = gather(world[1])
+    people, frusta, axis = shown.scene(0)
+    extent = np.ptp(np.concatenate([people, frusta[:, 0]]), axis=0).max()
+    sides = [np.linalg.norm(f[1:] - np.roll(f[1:], 1, axis=0), axis=1).max() for f in frusta]
+    depths = [np.linalg.norm(f[1:].mean(axis=0) - f[0]) for f in frusta]
+    np.testing.assert_allclose(np.maximum(sides, depths), 0.1 * extent, rtol=0.05)
+    for aspect in (0.6, 1.6):
+        eye = first_view(people, frusta, axis, aspect)
+        pose = eye.cam_from_world()
+        seen = np.concatenate([people, frusta.reshape(-1, 3)]) @ pose[:3, :3].T + pose[:3, 3]
+        half = np.tan(0.45)
+        assert (seen[:, 2] > 0).all()
+        assert (np.abs(seen[:, 0] / seen[:, 2]) < half * aspect).all()
+        assert (np.abs(seen[:, 1] / seen[:, 2]) < half).all()
+        body = people @ pose[:3, :3].T + pose[:3, 3]
+        for corners in frusta @ pose[:3, :3].T + pose[:3, 3]:
+            flat, person = corners[:, :2] / corners[:, 2:], body[:, :2] / body[:, 2:]
+            apart = (flat.min(axis=0) > person.max(axis=0)).any() or (flat.max(axis=0) < person.min(axis=0)).any()
+            assert apart or corners[:, 2].min() > body[:, 2].min()
+
+
+def test_a_lost_limb_is_told_from_a_doubtful_one_and_a_doubtful_frame(world):
+    _, motion = world
+    skeleton = motion.character.skeleton
+    of = {limb: skeleton.bodies_of(limb)[list(skeleton.landmark_bodies)] for limb in skeleton.limbs}
+    confidence = np.ones((FRAMES, len(skeleton.landmark_names)))
+    confidence[0, of["l_arm"]], confidence[0, of["r_leg"]] = 0, 0.2
+    confidence[2] = 0
+    lost = [{"part": "left arm", "first": 0, "last": 0, "why": "no view shows it"}]
+    judged = replace(motion, confidence=confidence, provenance={**motion.provenance, "lost": lost})
+    expected = np.full(len(skeleton.body_names), "ok", dtype="<U8")
+    expected[skeleton.bodies_of("l_arm")], expected[skeleton.bodies_of("r_leg")] = "lost", "doubtful"
+    assert body_status(judged, 0) == expected.tolist()
+    assert set(body_status(judged, 1)) == {"doubtful"}  # as the frame is
+    assert set(body_status(judged, 2)) == {"lost"}
+    assert words_about(judged, 0) == "ok; left arm: no view shows it"
+    picture = draw_scene(gather(judged), 0, first_view(*gather(judged).scene(0), 4 / 3))
+    r, g, b = np.moveaxis(picture.astype(int), -1, 0)
+    found = {"ok": b - r > 40, "doubtful": g - b > 40, "lost": (r - g > 30) & (np.abs(g - b) < 40)}
+    counts = {name: int(where.sum()) for name, where in found.items()}
+    assert min(counts["ok"], counts["doubtful"], counts["lost"]) > 30, counts
+
+
+def test_a_movie_turns_once_round_and_a_picture_is_the_first_view(world, tmp_path, capsys, monkeypatch):
+    _, motion = world
+    monkeypatch.setattr(turntable, "_TURN", 0.3)
+    motion.save(tmp_path / "result")
+    assert run(["view", str(tmp_path / "result"), "--movie", str(tmp_path / "turn.mp4")]) == 0
+    with av.open(str(tmp_path / "turn.mp4")) as movie:
+        frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
+    step = float(np.median(np.diff(motion.timestamps)))
+    assert len(frames) == FRAMES * int(np.ceil(0.3 / (FRAMES * step)))
+    first = gather(motion)
+    eyes = [turntable._turned(turntable._first(first), first, angle).position for angle in (0, np.pi, 2 * np.pi)]
+    np.testing.assert_allclose(eyes[0], eyes[2], atol=1e-9)
+    np.testing.assert_allclose(np.delete(eyes[0] + eyes[1], 1) / 2, np.delete(_target(first), 1), atol=1e-9)
+    assert run(["view", str(tmp_path / "result"), "--movie", str(tmp_path / "first.png")]) == 0
+    picture = cv2.imread(str(tmp_path / "first.png"))
+    assert picture.shape == (720, 960, 3)
+    assert run(["view", str(tmp_path / "result"), "--movie", str(tmp_path / "first.png")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert run(["view", str(tmp_path / "result"), "--movie", str(tmp_path / "first.gif")]) == 2
+    assert ".mp4" in capsys.readouterr().err
+
+
+def _target(shown) -> np.ndarray:
+    people, _, axis = shown.scene(0)
+    return first_view(people, np.zeros((0, 5, 3)), axis, 4 / 3).target
+
+
+def test_scrubbing_ends_where_the_slider_ends_however_slow_the_images_are(viewer, monkeypatch):
+    viewer.go(0)
+    slow = viewer._cameras.show_images
+    monkeypatch.setattr(viewer._cameras, "show_images", lambda *given: (viewer._stopped.wait(0.1), slow(*given)))
+    begin = time.perf_counter()
+    for turn in range(60):
+        viewer._slider.value = turn % FRAMES
+    while viewer.position != 59 % FRAMES:
+        assert time.perf_counter() - begin < 5
+        time.sleep(0.01)
+    assert time.perf_counter() - begin < 60 * 0.1  # what was scrubbed past was left out
