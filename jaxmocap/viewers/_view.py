@@ -20,10 +20,8 @@ from ._view_cameras import CameraViews
 _OTHER_COLOUR, _TRUTH_COLOUR = (170, 120, 230), (30, 160, 70)
 _CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#56a0d0")
 _FREE = "free"
-_LEGEND = (
-    "Blue: found. Orange: doubtful. Red, see-through: lost or hidden. "
-    "Click a camera to look through it, and its picture to leave it."
-)
+_REST = 0.1  # seconds after which a slider that is dragged rests
+_LEGEND = "Blue: found. Orange: doubtful. Red, see-through: lost or hidden. Click a camera to look through it."
 
 
 def view(
@@ -185,7 +183,11 @@ class ResultViewer:
             self._draw()
 
     def _draw(self) -> None:
-        """Draw the bodies at once; curves and images, which take longer, only where nobody has scrubbed on."""
+        self._draw_bodies()
+        self._draw_rest()
+
+    def _draw_bodies(self) -> None:
+        """Draw what follows the slider at once: the bodies, and where the cameras are."""
         shown, index = self.shown, self.position
         motion = shown.motion
         with self._server.atomic():
@@ -203,8 +205,10 @@ class ResultViewer:
                     self._truth.points = points
             self._cameras.place(index, self._view_index(), self._with_cameras.value)
         self._server.flush()
-        if self._asked.is_set() and self._slider.value != index:
-            return
+
+    def _draw_rest(self) -> None:
+        """Draw what takes longer: the images and the curves."""
+        index = self.position
         with self._server.atomic():
             self._cameras.show_images(index, self._view_index(), self._with_images.value)
             for plot, x, values in self._plots:
@@ -233,23 +237,28 @@ class ResultViewer:
         for client in self._server.get_clients().values():
             self._cameras.lead(client, self.position, self._view_index())
 
-    def _look_through(self, camera: int | None) -> None:
-        """Look through a camera that was clicked, or none."""
-        self._eye.value = _FREE if camera is None else self.shown.camera_names[camera]
+    def _look_through(self, camera: int) -> None:
+        """Look through a camera that was clicked."""
+        self._eye.value = self.shown.camera_names[camera]
 
     def _view_index(self) -> int | None:
         return None if self._eye.value == _FREE else self.shown.camera_names.index(self._eye.value)
 
     def _follow(self) -> None:
-        """Draw where the slider is, always the latest place: what was scrubbed past meanwhile is left out."""
+        """Draw where the slider is, always the latest place; images and curves where it rests."""
+        late = False
         while not self._stopped.is_set():
-            self._asked.wait()
+            if not self._asked.wait(_REST if late else None):
+                with self._lock:
+                    self._draw_rest()
+                late = False
+                continue
             self._asked.clear()
             with self._lock:
                 position = int(self._slider.value)
                 if position != self.position and position < len(self.shown.motion):
-                    self.position = position
-                    self._draw()
+                    self.position, late = position, True
+                    self._draw_bodies()
 
     def _play_along(self) -> None:
         times = self.shown.motion.timestamps

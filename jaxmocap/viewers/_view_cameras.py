@@ -15,9 +15,9 @@ _IN_FRUSTUM, _ON_SCREEN = 320, 960  # pixels of the longer side of a camera's pi
 
 class CameraViews:
     """Frusta with the images where the cameras are; and, for who looks through one, its image as a wall behind the
-    person. `chosen` is called with a camera's index when its frustum is clicked, and with None when the wall is."""
+    person. `chosen` is called with a camera's index when its frustum is clicked."""
 
-    def __init__(self, server: Any, shown: Shown, chosen: Callable[[int | None], None]):
+    def __init__(self, server: Any, shown: Shown, chosen: Callable[[int], None]):
         self._server, self._shown = server, shown
         self._middle = shown.motion.joints.mean(axis=(0, 1)).astype(float)
         self.frusta, self.screens = [], []
@@ -32,7 +32,6 @@ class CameraViews:
             frustum.on_click(lambda _, index=index: chosen(index))
             server.scene.add_label(f"/cameras/{index}/name", name)
             screen = server.scene.add_image(f"/screens/{index}", blank, 1.0, 1.0, visible=False)
-            screen.on_click(lambda _: chosen(None))
             self.frusta.append(frustum)
             self.screens.append(screen)
 
