@@ -13,7 +13,9 @@ from ._output import show
 
 def import_dataset(
     dataset: Annotated[
-        Literal["humaneva-1", "humaneva-2", "tnt15"], tyro.conf.Positional, tyro.conf.arg(help="Which data set.")
+        Literal["humaneva-1", "humaneva-2", "tnt15", "biocv", "movi"],
+        tyro.conf.Positional,
+        tyro.conf.arg(help="Which data set."),
     ],
     folder: Annotated[
         Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER", help="Where you put it; it is not downloaded.")
@@ -25,12 +27,12 @@ def import_dataset(
     ] = None,
     cameras: Annotated[
         tuple[str, ...],
-        tyro.conf.arg(metavar="NAME ...", help="Cameras to take.", help_behavior_hint="(default: the paper's three)"),
+        tyro.conf.arg(metavar="NAME ...", help="Cameras to take.", help_behavior_hint="(default: the paper's, or all)"),
     ] = (),
     frames: FrameSpan = None,
     json: Json = False,
 ) -> int:
-    """Make a capture of one sequence of HumanEva I or II, or of TNT15."""
+    """Make a capture of one sequence of HumanEva I or II, TNT15, BioCV or MoVi."""
     from jaxmocap.capture import Capture
     from jaxmocap.datasets import import_dataset
 

@@ -5,7 +5,9 @@ from typing import Protocol
 
 from jaxmocap._results import InputError
 
+from ._biocv import BioCV as BioCV
 from ._humaneva import HUMANEVA_1, HUMANEVA_2, HumanEva as HumanEva, read_calibration as read_calibration
+from ._movi import MoVi as MoVi
 from ._sequence import (
     RecordedCamera as RecordedCamera,
     RecordedSequence as RecordedSequence,
@@ -38,7 +40,13 @@ class DatasetReader(Protocol):
         ...
 
 
-DATASETS: dict[str, DatasetReader] = {"humaneva-1": HUMANEVA_1, "humaneva-2": HUMANEVA_2, "tnt15": TNT15()}
+DATASETS: dict[str, DatasetReader] = {
+    "humaneva-1": HUMANEVA_1,
+    "humaneva-2": HUMANEVA_2,
+    "tnt15": TNT15(),
+    "biocv": BioCV(),
+    "movi": MoVi(),
+}
 
 
 def import_dataset(
@@ -52,9 +60,10 @@ def import_dataset(
 ) -> Path:
     """Make a capture of one sequence of a data set that lies in `folder`; return `out`.
 
-    `dataset` is "humaneva-1", "humaneva-2" or "tnt15"; `sequence` such as "S1/Walking_1" may be left out where there is
-    only one; `cameras` replace the paper's; `frames` (start, stop) takes a part. The capture still needs keypoints at a
-    selected frame and, for HumanEva, an actor. Raises `InputError` for anything that is missing or cannot be.
+    `dataset` is "humaneva-1", "humaneva-2", "tnt15", "biocv" or "movi"; `sequence` such as "S1/Walking_1" may be left
+    out where there is only one; `cameras` replace the default ones; `frames` (start, stop) takes a part. The capture
+    still needs keypoints at a selected frame and, but for TNT15, an actor. Raises `InputError` for anything that is
+    missing or cannot be.
     """
     if dataset not in DATASETS:
         raise InputError(f"there is no reader for '{dataset}'; choose one of {', '.join(DATASETS)}.")

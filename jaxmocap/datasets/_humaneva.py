@@ -11,9 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxmocap._results import InputError
-
-from ._sequence import RecordedCamera, RecordedSequence, StaticCalibration, need, numbers_in, sorted_pictures
+from ._sequence import (
+    RecordedCamera,
+    RecordedSequence,
+    StaticCalibration,
+    need,
+    numbers_in,
+    read_c3d,
+    rotation_of,
+    sorted_pictures,
+)
 
 _FPS, _MOCAP_FPS = 60.0, 120.0
 _TAKE = re.compile(r"(.+)_\((\w+)\)(\.avi)?$")
@@ -78,19 +85,7 @@ class HumanEva:
     def _markers(self, path: Path, first: float) -> tuple[np.ndarray | None, np.ndarray | None]:
         if not path.is_file():
             return None, None  # withheld for some takes
-        import ezc3d
-
-        file = ezc3d.c3d(str(path))
-        points = file["data"]["points"][:3].transpose(2, 1, 0)
-        unit = str(file["parameters"]["POINT"]["UNITS"]["value"][0]).strip().lower()
-        metres = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}.get(unit)
-        if metres is None:
-            raise InputError(f"{path} has the unit '{unit}'; mm, cm or m was expected.")
-        seen = np.isfinite(points).all(-1) & (points != 0).any(-1)
-        markers = np.where(seen[..., None], metres * points, np.nan)
-        rate = float(file["parameters"]["POINT"]["RATE"]["value"][0])
-        if not rate > 0:
-            raise InputError(f"{path} has the frame rate {rate:g}; a positive one was expected.")
+        _, markers, rate = read_c3d(path)
         times = np.arange(len(markers)) / rate - first
         shown = times >= -0.5 / _FPS
         return markers[shown], times[shown]
@@ -101,11 +96,8 @@ def read_calibration(path: Path) -> StaticCalibration:
     values = numbers_in(path, 22)
     (fx, fy), (cx, cy), skew, kc = values[0:2], values[2:4], values[4], values[5:10]
     rotation = values[10:19].reshape(3, 3)
-    if fx <= 0 or fy <= 0 or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-2:
-        raise InputError(f"{path} holds no camera: its focal lengths or its rotation cannot be true.")
-    left, _, right = np.linalg.svd(rotation)
     intrinsics = np.array([[fx, skew * fx, cx], [0, fy, cy], [0, 0, 1.0]])
-    return StaticCalibration(intrinsics, kc, left @ right, 1e-3 * values[19:22])
+    return StaticCalibration(intrinsics, kc, rotation_of(rotation, intrinsics, path), 1e-3 * values[19:22])
 
 
 HUMANEVA_1 = HumanEva("HumanEva-I", ("C1", "C2", "C3"))

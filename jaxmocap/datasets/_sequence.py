@@ -64,8 +64,11 @@ class RecordedSequence:
         up: the world's vertical axis, "y" or "z".
         cameras: and what they recorded.
         markers: metres in the world, NaN where not seen; None where there are none.
-        times: of the markers, seconds of the first camera.
+        times: of markers and joints, seconds of the first camera.
         actor: the subject's mesh; None where there is none.
+        joints: joint centres, metres in the world, NaN where not known; None where there are none.
+        joint_names: their names, ours where they are the same joint.
+        span: the frames (start, stop) of the pictures that are this sequence; all by default.
     """
 
     name: str
@@ -75,6 +78,9 @@ class RecordedSequence:
     markers: Float[np.ndarray, "sample marker 3"] | None = None
     times: Float[np.ndarray, " sample"] | None = None
     actor: Path | None = None
+    joints: Float[np.ndarray, "sample joint 3"] | None = None
+    joint_names: tuple[str, ...] = ()
+    span: tuple[int, int] | None = None
 
 
 def write_sequence(sequence: RecordedSequence, out: Path, frames: tuple[int, int] | None = None) -> Path:
@@ -85,14 +91,16 @@ def write_sequence(sequence: RecordedSequence, out: Path, frames: tuple[int, int
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} exists already; choose a new folder for the capture.")
+    start = 0.0 if frames is None else frames[0] / sequence.fps
+    if sequence.span is not None:
+        first, stop = frames if frames is not None else (0, sequence.span[1] - sequence.span[0])
+        frames = (sequence.span[0] + first, min(sequence.span[0] + stop, sequence.span[1]))
     with atomic_folder(out) as folder:
-        entries, sizes, start = [], [], 0.0
-        for number, camera in enumerate(sequence.cameras):
+        entries, sizes = [], []
+        for camera in sequence.cameras:
             name = _write_pictures(camera, sequence.fps, frames, folder)
             sizes.append(index_video(folder / name).size)
             entries.append(f'[[camera]]\nname = "{camera.name}"\nvideo = "{name}"\noffset = {camera.offset:.6f}\n')
-            if number == 0 and frames is not None:
-                start = frames[0] / sequence.fps
         cameras = _cameras(sequence, sizes)
         write_cameras(cameras, folder / "cameras.toml", "aniposelib")
         lines = [f'name = "{sequence.name}"', f"fps = {sequence.fps:g}", 'units = "metres"', f'up = "{sequence.up}"']
@@ -100,9 +108,13 @@ def write_sequence(sequence: RecordedSequence, out: Path, frames: tuple[int, int
         if sequence.actor is not None:
             shutil.copyfile(sequence.actor, folder / f"actor{sequence.actor.suffix}")
             lines.append(f'actor = "actor{sequence.actor.suffix}"')
-        if sequence.markers is not None and sequence.times is not None:
+        if sequence.times is not None:
             kept = sequence.times >= start - 1e-9
-            truth = {"markers": sequence.markers[kept], "timestamps": sequence.times[kept] - start}
+            truth: dict[str, np.ndarray] = {"timestamps": sequence.times[kept] - start}
+            if sequence.markers is not None:
+                truth["markers"] = sequence.markers[kept]
+            if sequence.joints is not None:
+                truth |= {"joints": sequence.joints[kept], "joint_names": np.array(sequence.joint_names)}
             (folder / "truth.npz").write_bytes(npz_bytes(truth))
             lines.append('truth = "truth.npz"')
         (folder / "capture.toml").write_text("\n".join([*lines, "", *entries]), encoding="utf-8")
@@ -189,6 +201,41 @@ def numbers_in(path: Path, count: int | None = None) -> np.ndarray:
     if count is not None and len(found) < count:
         raise InputError(f"{path} holds {len(found)} numbers; {count} were expected.")
     return found
+
+
+def rotation_of(
+    rotation: Float[np.ndarray, "3 3"], intrinsics: Float[np.ndarray, "3 3"], path: Path
+) -> Float[np.ndarray, "3 3"]:
+    """Return the nearest rotation. Raises `InputError` where that and the focal lengths cannot be a camera's."""
+    near = np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-2 and np.linalg.det(rotation) > 0
+    if not near or intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
+        raise InputError(f"{path} holds no camera: its focal lengths or its rotation cannot be true.")
+    left, _, right = np.linalg.svd(rotation)
+    return left @ right
+
+
+def read_c3d(path: Path) -> tuple[list[str], Float[np.ndarray, "frame point 3"], float]:
+    """Read names and places (metres, NaN where not seen) of a C3D file's points, and its frame rate."""
+    import ezc3d
+
+    file = ezc3d.c3d(str(path))
+    points = file["data"]["points"][:3].transpose(2, 1, 0)
+    unit = str(file["parameters"]["POINT"]["UNITS"]["value"][0]).strip().lower()
+    metres = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}.get(unit)
+    if metres is None:
+        raise InputError(f"{path} has the unit '{unit}'; mm, cm or m was expected.")
+    rate = float(file["parameters"]["POINT"]["RATE"]["value"][0])
+    if not rate > 0:
+        raise InputError(f"{path} has the frame rate {rate:g}; a positive one was expected.")
+    seen = np.isfinite(points).all(-1) & (points != 0).any(-1)
+    labels = [str(label) for label in file["parameters"]["POINT"]["LABELS"]["value"]]
+    return labels, np.where(seen[..., None], metres * points, np.nan), rate
+
+
+def video_rate(path: Path) -> float:
+    """Read a video's frames per second, by the times of its first and last frame."""
+    times = index_video(path).seconds
+    return float((len(times) - 1) / (times[-1] - times[0])) if len(times) > 1 else 30.0
 
 
 def named(found: Sequence[str], wanted: str | None, where: Path) -> str:

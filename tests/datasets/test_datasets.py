@@ -1,4 +1,4 @@
-"""Small files in the forms of HumanEva and TNT15, written here, become captures."""
+"""Small files in the forms of HumanEva, TNT15, BioCV and MoVi, written here, become captures."""
 
 import subprocess
 import sys
@@ -7,6 +7,7 @@ import cv2
 import ezc3d
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
@@ -44,19 +45,25 @@ def write_pictures(folder, count: int) -> None:
         cv2.imwrite(str(folder / f"image_{frame + 1}.png"), np.full((SIZE[1], SIZE[0], 3), shade(frame), np.uint8))
 
 
-def write_markers(path, count: int) -> None:
-    """Marker 0 moves 1 mm along x per mocap frame, marker 1 is not seen in the first ones."""
+def write_c3d(path, rate: float, points: dict[str, np.ndarray]) -> None:
+    """Points (frame, 3) in millimetres by name."""
     path.parent.mkdir(parents=True, exist_ok=True)
     file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [120.0]
+    file["parameters"]["POINT"]["RATE"]["value"] = [rate]
     file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["parameters"]["POINT"]["LABELS"]["value"] = ["LFWT", "RFWT"]
-    points = np.ones((4, 2, count))
-    points[:3, 0] = np.stack([np.arange(count), np.full(count, 500.0), np.full(count, 900.0)])
-    points[:3, 1] = 700.0
-    points[:3, 1, :12] = 0.0
-    file["data"]["points"] = points
+    file["parameters"]["POINT"]["LABELS"]["value"] = list(points)
+    values = np.ones((4, len(points), len(next(iter(points.values())))))
+    values[:3] = np.stack(list(points.values())).transpose(2, 0, 1)
+    file["data"]["points"] = values
     file.write(str(path))
+
+
+def write_markers(path, count: int) -> None:
+    """Marker 0 moves 1 mm along x per mocap frame, marker 1 is not seen in the first ones."""
+    first = np.stack([np.arange(count), np.full(count, 500.0), np.full(count, 900.0)], axis=1)
+    second = np.full((count, 3), 700.0)
+    second[:12] = 0.0
+    write_c3d(path, 120.0, {"LFWT": first, "RFWT": second})
 
 
 @pytest.fixture
@@ -133,9 +140,114 @@ def test_tnt15_takes_the_cameras_of_the_paper(tmp_path):
     np.testing.assert_allclose(np.asarray(capture.cameras.cam_from_world)[1, 0, :3, 3], [0, 0.1, 3], atol=1e-6)
 
 
+def write_biocv(base, cameras: int) -> None:
+    """A trial of 6 frames at 60 per second, calibrated in two worlds: the aligned one is that of the markers."""
+    trial = base / "P03_WALK_01"
+    for number in range(cameras):
+        write_movie(trial / f"{number:02d}.mp4", 6)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = TURNS[number], [100 * number, 50, 4000]
+        lens = np.array([[70, 0, 31.5], [0, 71 + number, 23.5], [0, 0, 1.0]])
+        for name, shift in ((".calib", 1e6), ("-mocAligned2.calib", 0.0)):
+            moved = pose.copy()
+            moved[0, 3] += shift
+            numbers = [*SIZE, *lens.ravel(), *moved.ravel(), -0.2, 0.05, 0.001, -0.001, 0.3]
+            path = base / "calib_00" / f"{number:02d}.mp4{name}"
+            path.parent.mkdir(exist_ok=True)
+            path.write_text("\n".join(f"{number:.10g}" for number in numbers) + "\n")
+    path = np.stack([np.arange(6.0), np.full(6, 300.0), np.full(6, 900.0)], axis=1)
+    hidden = path + 50
+    hidden[:2] = 0
+    write_c3d(trial / "markers.c3d", 60.0, {"LASI": path, "LEFT_KNEE": path + 10, "V_Pelvis": path, "RASI": hidden})
+    write_c3d(trial / "raw.c3d", 60.0, {"LASI": path, "RASI": hidden, "*1": path})
+
+
+def test_a_trial_of_biocv_has_joint_centres_and_the_markers_of_its_unprocessed_file(tmp_path):
+    write_biocv(tmp_path / "data" / "P03", 3)
+    capture = Capture.open(import_dataset("biocv", tmp_path / "data", tmp_path / "walk"))
+    assert capture.camera_names == ("cam00", "cam01", "cam02")
+    assert (capture.up, capture.num_frames) == ("z", 6)
+    cameras = capture.cameras
+    poses = np.asarray(cameras.cam_from_world)[:, 0]
+    np.testing.assert_allclose(poses[:, :3, :3], TURNS[:3], atol=1e-6)
+    np.testing.assert_allclose(poses[:, :3, 3], [[0.1 * k, 0.05, 4] for k in range(3)], atol=1e-6)
+    np.testing.assert_allclose(np.asarray(cameras.intrinsics)[1], [[70, 0, 32], [0, 72, 24], [0, 0, 1]], atol=1e-5)
+    np.testing.assert_allclose(np.asarray(cameras.distortion)[2], [-0.2, 0.05, 0.001, -0.001, 0.3], atol=1e-7)
+    with np.load(capture.truth) as truth:
+        assert truth["joint_names"].tolist() == ["l_knee"]
+        np.testing.assert_allclose(truth["joints"][:, 0, 0], 1e-3 * (np.arange(6) + 10), atol=1e-7)
+        assert truth["markers"].shape == (6, 2, 3)  # not the virtual point, and no joint
+        assert np.isnan(truth["markers"][:2, 1]).all()
+        np.testing.assert_allclose(truth["timestamps"], np.arange(6) / 60, atol=1e-4)
+    part = import_dataset("biocv", tmp_path / "data", tmp_path / "part", cameras=("00", "02"), frames=(2, 5))
+    assert Capture.open(part).camera_names == ("cam00", "cam02")
+    with np.load(part / "truth.npz") as truth:
+        assert np.interp(0.0, truth["timestamps"], truth["joints"][:, 0, 0]) == pytest.approx(0.012, abs=1e-5)
+    (tmp_path / "data" / "P03" / "P03_WALK_01" / "raw.c3d").unlink()
+    bare = import_dataset("biocv", tmp_path / "data", tmp_path / "bare")
+    with np.load(bare / "truth.npz") as truth:
+        assert set(truth) == {"joints", "joint_names", "timestamps"}
+    (tmp_path / "data" / "P03" / "calib_00" / "01.mp4-mocAligned2.calib").write_text("64 48 1 2 3")
+    with pytest.raises(InputError, match="5 numbers; 32 were expected"):
+        import_dataset("biocv", tmp_path / "data", tmp_path / "out")
+
+
+def write_movi(base) -> None:
+    """Two motions in eight frames at 30 per second; MATLAB's cameras, whose vectors are rows and which count from 1."""
+    for number, camera in enumerate(("PG1", "PG2")):
+        write_movie(base / "videos" / f"F_{camera}_Subject_7_L.avi", 8)
+        lens = np.array([[70, 0, 32.5], [0, 71, 24.5], [0, 0, 1.0]])
+        (base / "Calib").mkdir(exist_ok=True)
+        np.savez(
+            base / "Calib" / f"cameraParams_{camera}.npz",
+            IntrinsicMatrix=lens.T, RadialDistortion=[[-0.2, 0.05]], TangentialDistortion=[[0.001, -0.002]],
+        )  # fmt: skip
+        translation = [[100.0 * number, 50, 4000]]
+        np.savez(
+            base / "Calib" / f"Extrinsics_{camera}.npz", rotationMatrix=TURNS[number].T, translationVector=translation
+        )
+    markers = np.zeros((32, 2, 3))
+    markers[:, 0] = np.stack([np.arange(32), np.full(32, 300), np.full(32, 900)], axis=1)
+    move = {
+        "markerLocation": markers, "flags30": [[1, 3], [4, 7]], "flags120": [[1, 12], [13, 28]],
+        "motions_list": np.array(["walking", "throw/catch"], object),
+    }  # fmt: skip
+    savemat(base / "F_v3d_Subject_7.mat", {"Subject_7_F": {"id": 7, "move": move}})
+
+
+def test_a_motion_of_movi_is_its_part_of_the_video_and_of_the_markers(tmp_path):
+    write_movi(tmp_path / "data")
+    with pytest.raises(InputError, match="Subject_7/walking, Subject_7/throw/catch"):
+        import_dataset("movi", tmp_path / "data", tmp_path / "out")
+    made = import_dataset("movi", tmp_path / "data", tmp_path / "out", sequence="Subject_7/throw/catch")
+    capture = Capture.open(made)
+    assert capture.camera_names == ("PG1", "PG2")
+    assert (capture.up, capture.num_frames) == ("z", 4)
+    assert [abs(int(capture.image(1, k).mean()) - shade(3 + k)) < 4 for k in range(4)] == [True] * 4
+    poses = np.asarray(capture.cameras.cam_from_world)[:, 0]
+    np.testing.assert_allclose(poses[:, :3, :3], TURNS[:2], atol=1e-6)
+    np.testing.assert_allclose(poses[:, :3, 3], [[0, 0.05, 4], [0.1, 0.05, 4]], atol=1e-6)
+    np.testing.assert_allclose(
+        np.asarray(capture.cameras.intrinsics)[0], [[70, 0, 32], [0, 71, 24], [0, 0, 1]], atol=1e-5
+    )
+    np.testing.assert_allclose(np.asarray(capture.cameras.distortion)[0], [-0.2, 0.05, 0.001, -0.002, 0], atol=1e-7)
+    with np.load(capture.truth) as truth:
+        assert truth["markers"].shape == (16, 2, 3)
+        assert truth["markers"][0, 0, 0] == pytest.approx(0.012)
+        assert np.isnan(truth["markers"][:, 1]).all()
+        assert truth["timestamps"][4] == pytest.approx(1 / 30)
+    part = import_dataset("movi", tmp_path / "data", tmp_path / "part", sequence="Subject_7/throw/catch", frames=(2, 9))
+    assert Capture.open(part).num_frames == 2
+    with np.load(part / "truth.npz") as truth:
+        assert truth["markers"][0, 0, 0] == pytest.approx(0.020)
+    savemat(tmp_path / "data" / "F_v3d_Subject_7.mat", {"Subject_7_F": {"move": {"flags30": [[1, 3]]}}})
+    with pytest.raises(InputError, match="flags120, markerLocation, motions_list is not there"):
+        import_dataset("movi", tmp_path / "data", tmp_path / "none")
+
+
 @pytest.mark.parametrize("dataset", sorted(DATASETS))
 def test_an_empty_folder_says_what_to_get_and_its_licence(dataset, tmp_path):
-    with pytest.raises(InputError, match=r"Get it from http.*Licence: free for research"):
+    with pytest.raises(InputError, match=r"Get it from http.*Licence: (free for research|as its page says)"):
         import_dataset(dataset, tmp_path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
