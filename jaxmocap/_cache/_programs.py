@@ -139,7 +139,7 @@ class _CachedJit:
             if found is not None:
                 found[0].clear_cache()
         self.programs.clear()
-        if (traced := self.__dict__.get("traced")) is not None:
+        if (traced := self.__dict__.pop("traced", None)) is not None:
             traced._cached.clear_cache()
 
     def __call__(self, *args: Any) -> Any:

@@ -12,7 +12,7 @@ from jaxmocap._types import Knob, knob
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import expand
 
-from ._lines import SurfaceLines, join_lines, surface_lines
+from ._lines import SurfaceLines, surface_lines
 
 
 class ContourSettings(eqx.Module):
@@ -141,8 +141,8 @@ def contour_lines(
     settings: ContourSettings,
 ) -> SurfaceLines:
     """Build rows of Eq. 9 for the current rendering of the pose: contour points of every view tied to their edges."""
-    parts = []
-    for camera in range(problem.num_cameras):
+
+    def view(camera: Array) -> SurfaceLines:
         points = contour_points(ids[camera], inverse_depth[camera], settings)
         face = jnp.maximum(points.face, 0)
         targets, accepted = edge_targets(
@@ -159,15 +159,16 @@ def contour_lines(
         # The silhouette's edge lies half a pixel outside the outermost covered pixel's centre.
         here = jnp.stack([points.column, points.row], -1).astype(jnp.float32) - 0.5 * points.normal
         corner = problem.origins[camera, ::-1].astype(jnp.float32) + 0.5
-        parts.append(
-            surface_lines(
-                vertices,
-                faces,
-                jnp.where(points.live, points.face, -1),
-                here + corner,
-                targets + corner,
-                accepted.astype(jnp.float32),
-                (problem.intrinsics[camera], problem.cam_from_world[camera]),
-            )
+        return surface_lines(
+            vertices,
+            faces,
+            jnp.where(points.live, points.face, -1),
+            here + corner,
+            targets + corner,
+            accepted.astype(jnp.float32),
+            (problem.intrinsics[camera], problem.cam_from_world[camera]),
         )
-    return join_lines(*parts)
+
+    # One view after the other in a loop: it compiles once, however many there are.
+    lines = jax.lax.map(view, jnp.arange(problem.num_cameras))
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), lines)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap.character import Character, Pose, retract, skin
 from jaxmocap.observation import FrameProblem
@@ -104,8 +104,9 @@ def score_particles(
     increments: Float[Array, "particle dof"],
     capacity: int,
     driver: Driver | None = None,
+    live: Bool[Array, "particle"] | None = None,
 ) -> Scores:
-    """Score every increment of the group's pose by Eq. 5.
+    """Score every increment of the group's pose by Eq. 5; with `live` only those marked, the others fill up the shape.
 
     With the "loop" driver particles run one after the other over copies of a small key buffer: on a CPU this is far
     faster than `vmap`. With several devices the particles are shared out among them, with the same bits. With "scatter"
@@ -114,18 +115,25 @@ def score_particles(
     driver = driver or best_driver()
     dynamic, static = eqx.partition((energy, group, base), eqx.is_array)
 
-    def generation(arrays: Any, rows: Array) -> tuple[Array, Array]:
+    def generation(arrays: Any, rows: _Rows) -> tuple[Array, Array]:
         energy, group, base = eqx.combine(arrays, static)
         return _score(energy, group, base, rows, capacity, driver)
 
-    terms, needed = _share_out(generation, dynamic, increments)
+    terms, needed = _share_out(generation, dynamic, _Rows(increments, live))
     return Scores(terms @ energy.weights, terms, needed.max())
 
 
+class _Rows(NamedTuple):
+    """Increments, and which of them to score (None: all)."""
+
+    increments: Float[Array, "particle dof"]
+    live: Bool[Array, "particle"] | None
+
+
 def _score(
-    energy: SearchEnergy, group: GroupProblem, base: Base, increments: Array, capacity: int, driver: Driver
+    energy: SearchEnergy, group: GroupProblem, base: Base, rows: _Rows, capacity: int, driver: Driver
 ) -> tuple[Array, Array]:
-    """Terms (particle, term) and the windows needed (particle,)."""
+    """Terms (particle, term) and the windows needed (particle,); 0 for particles that are not live."""
     layout, region, (height, width) = group.layout, group.region, base.buffers.shape[1:]
     skeleton = group.character.skeleton
 
@@ -143,34 +151,44 @@ def _score(
         pairs = zip(energy.terms, base.prepared, strict=True)
         return jnp.stack([term.score(ready, drawn, group) for term, ready in pairs]), needed.max()
 
-    moved = jax.vmap(lambda delta: retract(skeleton, group.pose, delta))(increments)
+    moved = jax.vmap(lambda delta: retract(skeleton, group.pose, delta))(rows.increments)
     particles = (moved, jax.vmap(lambda pose: group.part.posed(group.character, pose))(moved))
-    return lax.map(one, particles) if driver == "loop" else jax.vmap(one)(particles)
+    if rows.live is None:
+        return lax.map(one, particles) if driver == "loop" else jax.vmap(one)(particles)
+
+    def one_if(row: tuple[Array, tuple[Pose, Array]]) -> tuple[Array, Array]:
+        live, particle = row
+        nothing = (jnp.zeros(len(energy.terms), rows.increments.dtype), jnp.zeros((), jnp.int32))
+        return lax.cond(live, one, lambda _: nothing, particle)
+
+    return lax.map(one_if, (rows.live, particles)) if driver == "loop" else jax.vmap(one_if)((rows.live, particles))
 
 
-def _share_out(
-    score: Callable[[Any, Array], tuple[Array, Array]], arrays: Any, rows: Float[Array, "particle dof"]
-) -> tuple[Array, Array]:
+def _share_out(score: Callable[[Any, Any], tuple[Array, Array]], arrays: Any, rows: Any) -> tuple[Array, Array]:
     """Split the particles over the local devices of a CPU; every particle is computed as it would be alone.
+
+    `rows` are arrays whose first axis is the particles'.
 
     All devices hold all rows and all answers: were they left split up, every sum over particles that a sampler makes
     would have the devices wait for each other, which takes as long as the scores.
     """
-    devices = jax.local_devices()
+    devices, number = jax.local_devices(), jax.tree.leaves(rows)[0].shape[0]
     count = len(devices)
-    if count == 1 or rows.shape[0] < 2 * count or devices[0].platform != "cpu":
+    if count == 1 or number < 2 * count or devices[0].platform != "cpu":
         return score(arrays, rows)
-    share = -(-rows.shape[0] // count)
-    padded = jnp.pad(rows, ((0, share * count - rows.shape[0]), (0, 0)), mode="edge")
+    share = -(-number // count)
+    missing = share * count - number
+    padded = jax.tree.map(lambda own: jnp.pad(own, ((0, missing), *[(0, 0)] * (own.ndim - 1)), mode="edge"), rows)
 
-    def own(arrays: Any, rows: Array) -> tuple[Array, Array]:
-        mine = lax.dynamic_slice_in_dim(rows, share * lax.axis_index("particle"), share)
+    def own(arrays: Any, rows: Any) -> tuple[Array, Array]:
+        first = share * lax.axis_index("particle")
+        mine = jax.tree.map(lambda all_rows: lax.dynamic_slice_in_dim(all_rows, first, share), rows)
         return lax.all_gather(score(arrays, mine), "particle", tiled=True)
 
     mesh, every = jax.sharding.Mesh(np.array(devices), ("particle",)), jax.sharding.PartitionSpec()
     shared = jax.shard_map(own, mesh=mesh, in_specs=every, out_specs=every, check_vma=False)
     terms, needed = shared(arrays, padded)
-    return terms[: rows.shape[0]], needed
+    return terms[:number], needed
 
 
 class SoftScore(NamedTuple):

@@ -105,10 +105,10 @@ class _World:
         energy, character = SearchEnergy((ModelView(),)), self.truth.character
         part = body_part(character, character.skeleton.group("root"))
         group = GroupProblem.whole(character, part, self.pose, self.problem)
-        base = prepare_base(energy, group, 16)
 
         @eqx.filter_jit
         def score(moves):
+            base = prepare_base(energy, group, 16)
             increments = jnp.zeros((len(moves), character.skeleton.num_dofs)).at[:, :3].set(moves)
             return score_particles(energy, group, base, increments, _WINDOWS).total
 

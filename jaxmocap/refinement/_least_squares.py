@@ -57,8 +57,8 @@ def free_prior(character: Character, base: Pose, weight: float | Array | np.ndar
 
 class Step(NamedTuple):
     delta: Float[Array, "dof"]
-    before: Float[Array, ""]
-    after: Float[Array, ""]
+    before: float
+    after: float
     hessian: Float[Array, "dof dof"]
 
 
@@ -86,7 +86,66 @@ def _residual(character, base, rows, landmarks):
     return residual
 
 
+class Normal(NamedTuple):
+    """Normal equations of all rows at an increment: sum of squares, J^T r, J^T J."""
+
+    square: Float[Array, ""]
+    slope: Float[Array, "dof"]
+    hessian: Float[Array, "dof dof"]
+
+
 @cached_jit
+def normal_equations(
+    character: Character,
+    base: Pose,
+    delta: Float[Array, "dof"],
+    rows: tuple[Rows, ...],
+    landmarks: tuple[LandmarkRows, ...],
+) -> Normal:
+    """Linearise all rows at `delta`, an increment of `base`."""
+    residual = _residual(character, base, rows, landmarks)
+    jacobian, value = jax.jacfwd(lambda d: (residual(d),) * 2, has_aux=True)(delta)
+    slope = jnp.matmul(value, jacobian, precision="highest")
+    return Normal(jnp.sum(value**2), slope, jnp.matmul(jacobian.T, jacobian, precision="highest"))
+
+
+@cached_jit
+def damped_step(
+    normal: Normal, delta: Float[Array, "dof"], prior: Prior, damping: Float[Array, ""], refiner: AbstractRefiner
+) -> Float[Array, "dof"]:
+    """Solve the normal equations with the L1, the prior and the box.
+
+    They are compressed to a row per DoF, so any refiner is cheap. Rows leave no trace in the shapes: sets of any length
+    share the program, which takes longer to compile than theirs.
+    """
+    diagonal = jnp.diagonal(normal.hessian)
+    damped = normal.hessian + jnp.diag(damping * diagonal + 1e-6 * diagonal.max() + 1e-9)
+    factor = jnp.linalg.cholesky(damped).T
+    target = delta - jax.scipy.linalg.cho_solve((factor, False), normal.slope)
+    problem = RefineProblem(
+        residual=lambda d: factor @ (d - target),
+        jacobian=lambda d: factor,
+        prior=prior.target,
+        lower=prior.lower,
+        upper=prior.upper,
+        l1=prior.l1,
+        prior_weight=prior.weight,
+    )
+    return refiner.refine(problem, delta).value
+
+
+@cached_jit
+def sum_of_squares(
+    character: Character,
+    base: Pose,
+    delta: Float[Array, "dof"],
+    rows: tuple[Rows, ...],
+    landmarks: tuple[LandmarkRows, ...],
+) -> Float[Array, ""]:
+    """Sum the squares of all rows at `delta`."""
+    return jnp.sum(_residual(character, base, rows, landmarks)(delta) ** 2)
+
+
 def gauss_newton_step(
     character: Character,
     base: Pose,
@@ -98,31 +157,17 @@ def gauss_newton_step(
     refiner: AbstractRefiner,
 ) -> Step:
     """Linearise all rows at `delta` (an increment of `base`), solve with the L1, the prior and the box, and say what
-    the true objective does. The normal equations are compressed to a row per DoF, so any refiner is cheap."""
-    residual = _residual(character, base, rows, landmarks)
-    value = residual(delta)
-    jacobian = jax.jacfwd(residual)(delta)
-    hessian = jnp.matmul(jacobian.T, jacobian, precision="highest")
-    slope = jnp.matmul(value, jacobian, precision="highest")
-    diagonal = jnp.diagonal(hessian)
-    damped = hessian + jnp.diag(damping * diagonal + 1e-6 * diagonal.max() + 1e-9)
-    factor = jnp.linalg.cholesky(damped).T
-    target = delta - jax.scipy.linalg.cho_solve((factor, False), slope)
-    problem = RefineProblem(
-        residual=lambda d: factor @ (d - target),
-        jacobian=lambda d: factor,
-        prior=prior.target,
-        lower=prior.lower,
-        upper=prior.upper,
-        l1=prior.l1,
-        prior_weight=prior.weight,
-    )
-    moved = refiner.refine(problem, delta).value
+    the true objective does."""
+    normal = normal_equations(character, base, delta, rows, landmarks)
+    moved = damped_step(normal, delta, prior, damping, refiner)
+    after = sum_of_squares(character, base, moved, rows, landmarks)
+    before = float(normal.square) + _penalty(prior, delta)
+    return Step(moved, before, float(after) + _penalty(prior, moved), normal.hessian)
 
-    def objective(d: Array, rest: Array) -> Array:
-        return jnp.sum(rest**2) + jnp.sum(prior.l1 * jnp.abs(d)) + jnp.sum(prior.weight * (d - prior.target) ** 2)
 
-    return Step(moved, objective(delta, value), objective(moved, residual(moved)), hessian)
+def _penalty(prior: Prior, delta: Float[Array, "dof"]) -> float:
+    l1, weight, target, at = (np.asarray(leaf, np.float64) for leaf in (prior.l1, prior.weight, prior.target, delta))
+    return float(np.sum(l1 * np.abs(at)) + np.sum(weight * (at - target) ** 2))
 
 
 def descend(
@@ -142,7 +187,7 @@ def descend(
         step = gauss_newton_step(
             character, base, delta, rows, landmarks, prior, jnp.asarray(damping, jnp.float32), refiner
         )
-        if float(step.after) <= float(step.before) * (1 + 1e-6):
+        if step.after <= step.before * (1 + 1e-6):
             moved = float(np.abs(np.asarray(step.delta) - np.asarray(delta)).max())
             delta, damping = step.delta, damping / 3
             if moved < SETTLED:

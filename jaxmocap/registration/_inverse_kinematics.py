@@ -16,6 +16,8 @@ from jaxmocap.refiners import AbstractRefiner, RefineProblem
 from ._single_view import LEAST_POINTS, TRUNK, best_view, body_axes, rest_trunk, single_view_starts
 
 LIMB_STARTS = 12
+AT_ONCE = 6
+"""Starts that one call of the compiled program solves, one after the other, so that many and few share it."""
 
 
 def triangulated(
@@ -109,10 +111,15 @@ def inverse_kinematics(
 def _best_of(
     character: Character, base: Pose, lines: LandmarkRays, refiner: AbstractRefiner, starts: Float[Array, "start dof"]
 ) -> tuple[float, Float[Array, "dof"]]:
-    deltas, costs = _solve_starts(character, base, lines, refiner, starts)
+    filled = np.pad(np.asarray(starts), ((0, -len(starts) % AT_ONCE), (0, 0)), mode="edge")
+    calls = [
+        _solve_starts(character, base, lines, refiner, jax.device_put(some))
+        for some in np.split(filled, len(filled) // AT_ONCE)
+    ]
+    deltas, costs = (np.concatenate(found) for found in zip(*calls, strict=True))
     costs = np.where(np.isfinite(costs), costs, np.inf)
     winner = int(np.argmin(costs))
-    return float(costs[winner]), deltas[winner]
+    return float(costs[winner]), jax.device_put(deltas[winner])
 
 
 @eqx.filter_jit

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmocap._cache import cached_jit, optimised_jit
+from jaxmocap._cache import cached_jit
 from jaxmocap.character import Character, Pose, difference, dominant_bodies
 from jaxmocap.energies import GroupProblem, Scores, SearchEnergy, body_part, covered_cost, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem, draw
@@ -132,11 +132,19 @@ def without_seams(
     return cv2.morphologyEx(marked.astype(np.uint8), cv2.MORPH_OPEN, np.ones((width, width), np.uint8)) > 0
 
 
-@optimised_jit
+@cached_jit
 def _score(
-    energy: SearchEnergy, group: GroupProblem, increments: Float[Array, "particle dof"], capacity: int
+    energy: SearchEnergy,
+    group: GroupProblem,
+    increments: Float[Array, "particle dof"],
+    live: Bool[Array, "particle"],
+    capacity: int,
 ) -> Scores:
-    return score_particles(energy, group, prepare_base(energy, group, capacity), increments, capacity)
+    return score_particles(energy, group, prepare_base(energy, group, capacity), increments, capacity, live=live)
+
+
+ROWS = 8
+"""Poses scored by one call of the compiled program: a frame's start has as many, and what is missing costs nothing."""
 
 
 class PoseScore:
@@ -150,12 +158,22 @@ class PoseScore:
 
     def __call__(self, problem: FrameProblem, poses: list[Pose]) -> tuple[np.ndarray, np.ndarray]:
         """Score poses: totals (pose,) and terms (pose, term)."""
-        moved = [np.asarray(difference(self.character.skeleton, poses[0], pose)) for pose in poses]
-        increments = jnp.asarray(np.stack(moved + moved[-1:] * (-len(poses) % 4)))  # few and many compile once
+        skeleton = self.character.skeleton
+        moved = np.stack([np.asarray(difference(skeleton, poses[0], pose)) for pose in poses])
         group = GroupProblem.whole(self.character, self.part, poses[0], problem)
+        chunks = [self._chunk(group, moved[first : first + ROWS]) for first in range(0, len(moved), ROWS)]
+        totals, terms = zip(*chunks, strict=True)
+        return np.concatenate(totals), np.concatenate(terms)
+
+    def _chunk(self, group: GroupProblem, moved: Float[np.ndarray, "pose dof"]) -> tuple[np.ndarray, np.ndarray]:
+        """Score at most `ROWS` increments, which the devices take in turn."""
+        places = np.argsort(np.arange(ROWS) % jax.local_device_count(), kind="stable").argsort()[: len(moved)]
+        increments, live = np.zeros((ROWS, moved.shape[1]), np.float32), np.zeros(ROWS, bool)
+        increments[places], live[places] = moved, True
+        rows = jax.device_put((increments, live))
         while True:
-            scores = _score(self.energy, group, increments, self.capacity)
+            scores = _score(self.energy, group, *rows, self.capacity)
             needed = int(scores.needed)
             if needed <= self.capacity:
-                return np.asarray(scores.total)[: len(poses)], np.asarray(scores.terms)[: len(poses)]
+                return np.asarray(scores.total)[places], np.asarray(scores.terms)[places]
             self.capacity = 2 ** (needed - 1).bit_length()

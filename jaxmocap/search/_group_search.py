@@ -184,7 +184,7 @@ def wide_population(
     return jnp.clip(values, lower, upper)
 
 
-@optimised_jit
+@cached_jit
 def _prepare(levels: tuple[_Level, ...], group: GroupProblem, capacity: int) -> tuple[Base, ...]:
     """Prepare what the particles share at each level; the part is `unseen`, so that groups share the program."""
     return tuple(prepare_base(level.stage.energy, level.of(group), capacity) for level in levels)
