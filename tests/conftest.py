@@ -21,6 +21,9 @@ SINGLE_FUNCTIONS = {
 }
 """Folders of tests. Not of the rasterisers, whose drivers are held against each other bit by bit."""
 
+SHORT_RUNS = {"test_any_sampler", "test_doctor", "test_keys", "test_soft_faces"}
+"""Files of tests beside these that run for a moment what takes long to compile."""
+
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # a worker has a core: more would wait for one another
     os.environ.setdefault(_threads, "1")
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
@@ -34,7 +37,9 @@ install_import_hook("jaxmocap", "array_checks.check_arrays")
 import jaxmocap._runtime  # noqa: E402
 
 jaxmocap._runtime.compile_sooner()  # as the command line and `configure` do
-if jaxmocap._runtime.quick_loops():  # a jaxlib whose flags are known; in one part, programs compile for less in all
+_quick_loops, _searched_for_long = jaxmocap._runtime.quick_loops, [False]
+jaxmocap._runtime.quick_loops = lambda: _quick_loops() if _searched_for_long[0] else {}
+if _quick_loops():  # a jaxlib whose flags are known; in one part, programs compile for less in all
     os.environ["XLA_FLAGS"] += " --xla_cpu_parallel_codegen_split_count=1"
 
 
@@ -109,11 +114,17 @@ def _nans_on_purpose(request: pytest.FixtureRequest) -> Iterator[None]:
 @pytest.fixture(scope="module", autouse=True)
 def _compiled_sooner(request: pytest.FixtureRequest) -> Iterator[None]:
     """Tests of single functions compile for longer than they run: XLA leaves out what makes programs faster.
-    Where people are tracked, and in child processes, programs are compiled as for users."""
+    Where people are tracked, and in child processes, programs are compiled as for users, but for the search: its quick
+    loops, which take longer to compile, pay where many frames are tracked, in the gate."""
     import jax
 
+    from jaxmocap._cache import free_programs
+
     folder = request.path.parent.name
-    jax.config.update("jax_disable_most_optimizations", folder in SINGLE_FUNCTIONS)
+    sooner = folder in SINGLE_FUNCTIONS or request.path.stem in SHORT_RUNS
+    jax.config.update("jax_disable_most_optimizations", sooner)
+    _searched_for_long[0] = request.path.name == "test_gate.py"
+    free_programs()  # options are read when a program is first traced
     yield
     jax.config.update("jax_disable_most_optimizations", False)
 
