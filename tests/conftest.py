@@ -21,7 +21,10 @@ SINGLE_FUNCTIONS = {
 }
 """Folders of tests. Not of the rasterisers, whose drivers are held against each other bit by bit."""
 
-SHORT_RUNS = {"test_any_sampler", "test_doctor", "test_keys", "test_soft_faces"}
+SHORT_RUNS = {
+    *("test_any_sampler", "test_descend", "test_doctor", "test_hybrid", "test_inverse_kinematics", "test_keys"),
+    *("test_soft_faces", "test_surface_flow"),
+}
 """Files of tests beside these that run for a moment what takes long to compile."""
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # a worker has a core: more would wait for one another

@@ -1,5 +1,6 @@
 """The soft rasteriser: shares of pixels against areas counted point by point, and against the hard rasteriser."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,13 +21,14 @@ HEIGHT, WIDTH = 180, 200
 ORIGIN = jnp.array([150, 150], jnp.int32)
 POSE = jnp.asarray(camera_at(2.6), jnp.float32)
 PROJECTION = projection_matrices(jnp.asarray(INTRINSICS, jnp.float32), POSE)
+drawn = eqx.filter_jit(soft_faces)
 
 
 def seen(vertices, faces, **settings):
     vertices = jnp.asarray(vertices, jnp.float32)
     depths = inverse_depth_range(vertices, POSE)
     screen = to_screen(vertices, PROJECTION, ORIGIN)
-    return soft_faces(screen, jnp.asarray(faces.T, jnp.int32), HEIGHT, WIDTH, depths, SoftSettings(**settings))
+    return drawn(screen, jnp.asarray(faces.T, jnp.int32), HEIGHT, WIDTH, depths, SoftSettings(**settings))
 
 
 def coverage(view):
@@ -54,7 +56,7 @@ def test_the_area_of_a_triangle_in_a_square_is_that_of_points_inside_both(width)
 def test_the_derivative_of_the_area_is_its_difference_quotient():
     corners = np.random.default_rng(1).normal(0, 0.7, (6, 60))
     with jax.enable_x64(True):
-        value = lambda c: covered_area(c[:3], c[3:], 1.0).sum()  # noqa: E731
+        value = jax.jit(lambda c: covered_area(c[:3], c[3:], 1.0).sum())
         slope = np.asarray(jax.grad(value)(jnp.asarray(corners)))
         for row, column in np.ndindex(corners.shape):
             step = np.zeros_like(corners)
@@ -132,7 +134,7 @@ def test_shares_follow_every_vertex_of_the_outline():
 
     def covered(points):
         depths = inverse_depth_range(points, POSE, 0.1)
-        view = soft_faces(to_screen(points, PROJECTION, ORIGIN), jnp.asarray(faces.T), HEIGHT, WIDTH, depths)
+        view = drawn(to_screen(points, PROJECTION, ORIGIN), jnp.asarray(faces.T), HEIGHT, WIDTH, depths)
         return view.share.sum()
 
     def area(points):
