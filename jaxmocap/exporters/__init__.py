@@ -6,6 +6,7 @@ from pathlib import Path
 from jaxmocap._results import InputError
 from jaxmocap.motion import Motion
 
+from ._blender import blender_command as blender_command, write_blender as write_blender
 from ._bvh import write_bvh as write_bvh
 from ._c3d import write_c3d as write_c3d
 from ._colmap import write_colmap as write_colmap
@@ -30,6 +31,8 @@ from ._usd import write_usd as write_usd
 EXPORTERS: dict[str, Exporter] = {
     ".glb": Exporter(write_glb, units="m", up="y", fixed=True),
     ".bvh": Exporter(write_bvh, units="m", up="y", even=True),
+    ".fbx": Exporter(write_blender, units="m", up="y", fixed=True, even=True),
+    ".blend": Exporter(write_blender, units="m", up="z", fixed=True, even=True),
     ".c3d": Exporter(write_c3d, units="mm", even=True),
     ".trc": Exporter(write_trc, units="mm", up="y", even=True),
     ".mot": Exporter(write_mot, units="m", up="y", fixed=True),

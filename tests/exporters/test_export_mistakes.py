@@ -13,7 +13,12 @@ from jaxmocap._results import InputError
 from jaxmocap.exporters import EXPORTERS
 
 NEEDED = {".parquet": "pyarrow", ".usd": "pxr", ".usda": "pxr", ".usdc": "pxr"}
-WRITABLE = [suffix for suffix in EXPORTERS if suffix not in NEEDED or importlib.util.find_spec(NEEDED[suffix])]
+BY_BLENDER = (".fbx", ".blend")  # test_export_blender.py has them
+WRITABLE = [
+    suffix
+    for suffix in EXPORTERS
+    if suffix not in BY_BLENDER and (suffix not in NEEDED or importlib.util.find_spec(NEEDED[suffix]))
+]
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,69 @@
+"""Run by Blender or by a Python that has its module, in a process of its own: `_blender_worker.py JOB.json`.
+
+The job names a GLB (`scene`), the file to write (`out`, `.fbx` or `.blend`), its `rate` and number of `frames`, and of
+every camera the `size` and `intrinsics`. Blender's world has z up; FBX is written with y up, in metres.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import bpy
+
+
+def set_lens(camera, size, intrinsics):
+    """Give a camera the focal length and the principal point of its videos, which glTF has no place for."""
+    width, height = size
+    camera.sensor_fit = "HORIZONTAL"
+    camera.lens = intrinsics[0][0] / width * camera.sensor_width
+    camera.shift_x = 0.5 - intrinsics[0][2] / width
+    camera.shift_y = (intrinsics[1][2] - height / 2) / width
+
+
+def known(operator, **options):
+    """Keep the options that this version of Blender knows."""
+    names = operator.get_rna_type().properties.keys()
+    return {name: value for name, value in options.items() if name in names}
+
+
+job = json.loads(Path(sys.argv[-1]).read_text(encoding="utf-8"))
+bpy.ops.wm.read_factory_settings(use_empty=True)
+for addon in ("io_scene_gltf2", "io_scene_fbx"):
+    if addon not in bpy.context.preferences.addons:
+        bpy.ops.preferences.addon_enable(module=addon)
+scene = bpy.context.scene
+scene.render.fps = max(round(job["rate"]), 1)
+scene.render.fps_base = scene.render.fps / job["rate"]
+load = bpy.ops.import_scene.gltf
+load(filepath=job["scene"], **known(load, disable_bone_shape=True))
+for each in list(scene.objects):
+    if any(collection.name.startswith("glTF_not_exported") for collection in each.users_collection):
+        bpy.data.objects.remove(each)  # what older importers draw bones with
+for name, lens in job["cameras"].items():
+    set_lens(bpy.data.objects[name].data, lens["size"], lens["intrinsics"])
+if job["cameras"]:
+    first = next(iter(job["cameras"]))
+    scene.camera = bpy.data.objects[first]
+    scene.render.resolution_x, scene.render.resolution_y = job["cameras"][first]["size"]
+scene.frame_start, scene.frame_end = 0, job["frames"] - 1
+scene.frame_set(0)
+if job["out"].endswith(".blend"):
+    bpy.ops.wm.save_as_mainfile(filepath=job["out"], compress=True)
+else:
+    save = bpy.ops.export_scene.fbx
+    save(
+        filepath=job["out"],
+        **known(
+            save,
+            object_types={"ARMATURE", "MESH", "CAMERA"},
+            add_leaf_bones=False,
+            bake_anim=True,
+            bake_anim_use_all_bones=True,
+            bake_anim_use_nla_strips=False,
+            bake_anim_use_all_actions=False,
+            bake_anim_simplify_factor=0.0,
+            path_mode="COPY",
+            embed_textures=True,
+        ),
+    )
+print("done")
