@@ -17,6 +17,7 @@ from jaxmocap.pipeline import calibrate as calibrate
 from .annotation import AnnotationPage as AnnotationPage, annotate as annotate
 from .character import Character as Character, Pose as Pose, Skeleton as Skeleton
 from .rigging import RiggedMesh as RiggedMesh, body as body, open_actor as open_actor, rig as rig
+from jaxmocap.pipeline import ScannedActor as ScannedActor, scan as scan
 from .appearance import Appearance as Appearance
 from .observation import Observations as Observations
 from jaxmocap.pipeline import fit_capture_appearance as fit_capture_appearance

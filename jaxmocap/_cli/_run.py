@@ -29,6 +29,7 @@ from ._register import register
 from ._report_page import report_page
 from ._rig import rig
 from ._run_videos import run_videos
+from ._scan import scan
 from ._segment import segment
 from ._sync import sync
 from ._track import track
@@ -51,7 +52,7 @@ _GROUPS = {
         "check": check,
         "import-dataset": import_dataset,
     },
-    "Make an actor": {"rig": rig, "body": body, "fit-character": fit_character},
+    "Make an actor": {"scan": scan, "rig": rig, "body": body, "fit-character": fit_character},
     "Track": {"register": register, "track": track, "refine-cameras": refine_cameras},
     "Look and take away": {
         "view": view,

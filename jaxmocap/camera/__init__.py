@@ -9,7 +9,11 @@ from ._cameras import (
 )
 from ._colmap import colmap_files as colmap_files, read_colmap_points as read_colmap_points
 from ._colmap_cameras import ranges as ranges, write_colmap_text as write_colmap_text
-from ._read import examine_cameras as examine_cameras, read_cameras as read_cameras
+from ._read import (
+    examine_cameras as examine_cameras,
+    read_cameras as read_cameras,
+    read_picture_cameras as read_picture_cameras,
+)
 from ._view_geometry import (
     ViewGeometry as ViewGeometry,
     describe_views as describe_views,

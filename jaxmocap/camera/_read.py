@@ -1,7 +1,7 @@
 """Reading camera files of any supported kind, and refusing those that cannot be true."""
 
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 import jax
@@ -93,8 +93,51 @@ def examine_cameras(
     """Read as `read_cameras` does, but return cameras that cannot be true with sentences that say why."""
     path, names = Path(path), tuple(names)
     frames = np.tile(np.arange(num_frames), (len(names), 1)) if frames is None else np.asarray(frames)
-    cameras, poses, unit = _load(path, names, sizes, frames)
-    scale = metres_per_unit if unit is None else unit
+    loaded = _load(path, names, sizes, frames)
+    return _examined(loaded, path.name, names, sizes, frames.shape, metres_per_unit)
+
+
+def read_picture_cameras(
+    path: Path, pictures: Sequence[str], size: tuple[int, int], any_scale: bool = False
+) -> Cameras:
+    """Read the cameras of single pictures, one camera each: a COLMAP model's images with these file names, or static
+    cameras called like them without the ending.
+
+    With `any_scale` lengths need not be metres. Raises `InputError` as `read_cameras` does.
+    """
+    names, sizes = tuple(Path(picture).stem for picture in pictures), [size] * len(pictures)
+    frames = np.zeros((len(names), 1), int)
+    files = colmap_files(path)
+    if files is None:
+        loaded = _load(path, names, sizes, frames)
+    else:
+        model = read_colmap(*files)
+        places = {PurePosixPath(image.name.replace("\\", "/")).name: image for image in model.images}
+        missing = [picture for picture in pictures if picture not in places]
+        if missing:
+            raise InputError(
+                f"{model.images_file} has no image {', '.join(missing[:5])}; its images are "
+                f"{', '.join(sorted(places)[:5])} and so on: the names must be those of the pictures, ending included"
+            )
+        images = [places[one]._replace(name=f"{name}/0.png") for one, name in zip(pictures, names, strict=True)]
+        loaded = _Loaded(*from_colmap(model._replace(images=images), names, frames), None)
+    cameras, problems = _examined(loaded, path.name, names, sizes, frames.shape, None if any_scale else 1.0)
+    if problems:
+        raise InputError(problems[0])
+    return cameras
+
+
+def _examined(
+    loaded: _Loaded,
+    label: str,
+    names: tuple[str, ...],
+    sizes: Sequence[tuple[int, int]] | None,
+    shape: tuple[int, ...],
+    metres_per_unit: float | None,
+) -> tuple[Cameras, list[str]]:
+    """Make cameras of what was loaded, and say why they cannot be true; without a unit their scale is not looked at."""
+    cameras, poses, unit = loaded
+    scale = (metres_per_unit or 1.0) if unit is None else unit
     problems: list[str] = []
     for index, (size, k, d, where) in enumerate(cameras):
         problems += intrinsics_problems(size, sizes[index] if sizes else None, k, d, where)
@@ -104,15 +147,15 @@ def examine_cameras(
             problems.append(f"{where}: the translation is not finite")
     poses = poses.copy()
     poses[..., :3, 3] *= scale
-    if not problems:
-        problems += scale_problem(poses, names, path.name, scale, fixed=unit is not None)
+    if not problems and metres_per_unit is not None:
+        problems += scale_problem(poses, names, label, scale, fixed=unit is not None)
     with np.errstate(over="ignore"):  # of numbers that are among the problems
         result = Cameras(
             names,
             tuple(camera[0] for camera in cameras),
             jax.device_put(np.stack([camera[1] for camera in cameras]).astype(np.float32)),
             jax.device_put(np.stack([camera[2] for camera in cameras]).astype(np.float32)),
-            jax.device_put(np.broadcast_to(poses, (*frames.shape, 4, 4)).astype(np.float32)),
+            jax.device_put(np.broadcast_to(poses, (*shape, 4, 4)).astype(np.float32)),
         )
     return result, problems
 

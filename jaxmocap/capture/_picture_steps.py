@@ -60,7 +60,7 @@ class Undistortion:
             self._matrix, self._distortion, np.eye(3), self._matrix, size, cv2.CV_32FC1
         )
 
-    def image(self, image: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "height width 3"]:
+    def image(self, image: UInt8[np.ndarray, "height width *rgb"]) -> UInt8[np.ndarray, "height width *rgb"]:
         """Undistort an image bilinearly.
 
         Where the lens saw nothing, the nearest pixel is repeated, so that no false edge appears.

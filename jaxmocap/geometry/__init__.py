@@ -22,6 +22,7 @@ from ._similarity import (
     camera_residuals as camera_residuals,
     fit_similarity as fit_similarity,
 )
+from ._surface_nets import SignedDistance as SignedDistance, surface_nets as surface_nets
 from ._transforms import (
     ad as ad,
     adjoint as adjoint,

@@ -13,6 +13,7 @@ from ._made_to_measure import MadeBody as MadeBody, character_of as character_of
 from ._register_and_learn import fit_capture_appearance as fit_capture_appearance
 from ._run import RunResult as RunResult, run as run
 from ._run_plan import PlannedStage as PlannedStage
+from ._scan import ScannedActor as ScannedActor, scan as scan
 from ._synchronise import sync as sync
 from ._track_capture import (
     open_character as open_character,

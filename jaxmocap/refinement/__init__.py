@@ -13,8 +13,10 @@ from ._surface_flow import (
     FlowSettings as FlowSettings,
     Source as Source,
     compare as compare,
+    compare_views as compare_views,
     padded as padded,
     picture_source as picture_source,
     same_time_sources as same_time_sources,
     surface_flow as surface_flow,
 )
+from ._transfer import View as View

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import cv2
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, UInt8
+from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Pose, skin
@@ -168,14 +168,26 @@ def compare(
     intrinsics, cam_from_world = np.asarray(problem.intrinsics)[camera], np.asarray(problem.cam_from_world)[camera]
     view = _view(intrinsics, cam_from_world, vertices, ids, tuple(origins[camera]))
     shown = _view(source.intrinsics, source.cam_from_world, source.vertices, source.ids, source.origin)
-    source_pixel, seen, cosine = transfer(
-        np.asarray(character.faces), np.asarray(problem.surface.near_faces), view, shown
-    )
-    weight, moved = np.zeros(ids.shape, np.float32), np.zeros((*ids.shape, 2), np.float32)
-    good = np.zeros(ids.shape, bool)
+    faces, near_faces = np.asarray(character.faces), np.asarray(problem.surface.near_faces)
+    return compare_views(faces, near_faces, view, target, shown, _grey(source.image), settings)
+
+
+def compare_views(
+    faces: Int[np.ndarray, "face 3"],
+    near_faces: UInt32[np.ndarray, "face word"],
+    view: View,
+    target: UInt8[np.ndarray, "height width"],
+    source: View,
+    source_picture: UInt8[np.ndarray, "_ _"],
+    settings: FlowSettings,
+) -> Comparison:
+    """Compare as `compare` does, where both views of the mesh are at hand; pictures are grey."""
+    source_pixel, seen, cosine = transfer(faces, near_faces, view, source)
+    weight, moved = np.zeros(seen.shape, np.float32), np.zeros((*seen.shape, 2), np.float32)
+    good = np.zeros(seen.shape, bool)
     box = _box_of(seen)
     if box is not None:
-        transferred = sample_picture(_grey(source.image), source_pixel[box][..., 0], source_pixel[box][..., 1])
+        transferred = sample_picture(source_picture, source_pixel[box][..., 0], source_pixel[box][..., 1])
         seen_here, target_here = seen[box], target[box]
         gain = float(np.clip(target_here[seen_here].mean() / max(transferred[seen_here].mean(), 1.0), 0.5, 2.0))
         predicted = np.where(seen_here, np.clip(transferred * gain, 0, 255), target_here).astype(np.uint8)

@@ -8,9 +8,9 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from jaxmocap.character import Character, Skeleton, build_skeleton
+from jaxmocap.geometry import surface_nets
 
 from ._body import CENTRE_JOINTS, SIDE_JOINTS, TEMPLATE_HEIGHT, sheared, side_joint, skin_distance
-from ._surface_nets import surface_nets
 
 MAX_BONES = 4
 _HINTS = ("knuckles", "fingertips", "thumb")

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from jaxmocap.geometry import surface_nets
 from jaxmocap.synthetic import Outfit, make_actor
 from jaxmocap.synthetic._body import CENTRE_JOINTS, SIDE_JOINTS, side_joint, skin_distance
-from jaxmocap.synthetic._surface_nets import surface_nets
 
 
 def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:

@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
+from jaxmocap.geometry import surface_nets
 from jaxmocap.synthetic import Outfit, Scene, Subject, make_scene, render_view
 from jaxmocap.synthetic._raster import visible_fragments
 from jaxmocap.synthetic._scene import AMBIENT, DIRECT, SUN, _panel, render_scene
-from jaxmocap.synthetic._surface_nets import surface_nets
 
 SIZE = (120, 90)
 INTRINSICS = np.array([[110.0, 0, 61.0], [0, 112.0, 44.0], [0, 0, 1]])

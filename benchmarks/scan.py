@@ -1,0 +1,121 @@
+"""How far a scan is from the surface it shows: the synthetic actor filmed from all around, and a real person.
+
+    python benchmarks/scan.py [--views 8 20 40] [--standing ../shared/data/standing]
+
+The synthetic actor stands still between the views of a shaky circle; distances go both ways between its surface and the
+scan, joints are those that `rig` finds. Of the real person (`--standing`) no surface is known: every second mask, and
+all but eight, are left out and compared with the scan's silhouette. Every figure is a small record as in `stages.py`;
+`--gate` compares with a committed file.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import jaxmocap
+
+jaxmocap.configure()
+
+import cv2  # noqa: E402
+import numpy as np  # noqa: E402
+import trimesh  # noqa: E402
+from figures import Figure, add_options, finish, record  # noqa: E402
+from scipy.spatial import KDTree  # noqa: E402
+
+from jaxmocap._results import InputError  # noqa: E402
+from jaxmocap.pipeline._scan import read_views  # noqa: E402
+from jaxmocap.rigging import rig  # noqa: E402
+from jaxmocap.scan import Scan, Views, overlaps, reconstruct  # noqa: E402
+from jaxmocap.synthetic import Outfit, Subject, develop, make_actor, make_scene, render_view  # noqa: E402
+
+SIZE, FOCAL, AWAY, HEIGHT = (540, 960), 1100.0, 2.6, 1.3
+SHAKE, SAMPLES = 0.06, 200_000
+JOINTS = tuple(f"{side}_{joint}" for side in "lr" for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
+
+
+def circle(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Camera poses on a shaky circle around a person who stands at the origin, y up."""
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for pose, angle in zip(poses, 2 * np.pi * (np.arange(count) + 0.3) / count, strict=True):
+        centre = np.array([AWAY * np.cos(angle), HEIGHT, AWAY * np.sin(angle)]) + SHAKE * rng.standard_normal(3)
+        forward = np.array([0, 0.9, 0]) + SHAKE * rng.standard_normal(3) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 1.0, 0.0])
+        right /= np.linalg.norm(right)
+        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+        pose[:3, 3] = -pose[:3, :3] @ centre
+    return poses
+
+
+def synthetic(views: int, seed: int) -> list[Figure]:
+    """Scan the synthetic actor from so many views, and measure."""
+    actor, rng = make_actor(), np.random.default_rng(seed)
+    vertices, faces = np.asarray(actor.vertices, float), np.asarray(actor.faces)
+    lift = np.array([0, -vertices[:, 1].min(), 0])
+    subject = Subject(np.asarray(actor.vertices, np.float32), faces, Outfit.make(seed))
+    scene, poses = make_scene(seed), circle(views, rng)
+    intrinsics = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]])
+    drawn = [render_view(scene, subject, vertices + lift, intrinsics, pose, SIZE) for pose in poses]
+    grey = np.stack([cv2.cvtColor(develop(one.light, rng), cv2.COLOR_RGB2GRAY) for one in drawn])
+    masks = np.stack([one.mask for one in drawn])
+    seen = Views(grey, masks, np.tile(intrinsics, (views, 1, 1)), poses)
+    begin = time.perf_counter()
+    found = reconstruct(seen)
+    seconds, hull = time.perf_counter() - begin, reconstruct(seen, rounds=0)
+    label = f"synthetic, {views} views"
+    figures = [record(f"{label}: seconds", seconds, "s", 0.5)]
+    for name, one in (("hull", hull), ("scan", found)):
+        both = apart(one, vertices + lift, faces)
+        for way, distances in zip(("to the truth", "from the truth"), both, strict=True):
+            figures.append(record(f"{label}: {name} {way}, mean", 1000 * float(distances.mean()), "mm", 0.1))
+            figures.append(record(f"{label}: {name} {way}, p95", 1000 * float(np.quantile(distances, 0.95)), "mm", 0.1))
+    try:
+        made = rig((found.vertices, found.faces), units="m", anew=True)
+    except InputError as error:
+        print(f"{label}: {error}", file=sys.stderr)
+        return figures
+    assert made.rest_from_file is not None
+    file_from_rest, known = np.linalg.inv(made.rest_from_file), actor.skeleton
+    places = np.stack([np.asarray(made.character.skeleton.landmark(joint), float) for joint in JOINTS])
+    places = places @ file_from_rest[:3, :3].T + file_from_rest[:3, 3]
+    truth = np.stack([np.asarray(known.landmark(joint), float) for joint in JOINTS]) + lift
+    wrong = 100 * np.linalg.norm(places - truth, axis=1)
+    return [*figures, record(f"{label}: joints after rigging, mean", float(wrong.mean()), "cm", 0.1)]
+
+
+def apart(found: Scan, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances of the scan's surface from the true one, and of the true one from the scan's, metres."""
+    meshes = (trimesh.Trimesh(*mesh, process=False) for mesh in ((found.vertices, found.faces), (vertices, faces)))
+    ours, theirs = (np.asarray(trimesh.sample.sample_surface(mesh, SAMPLES, seed=0)[0]) for mesh in meshes)
+    return KDTree(theirs).query(ours)[0], KDTree(ours).query(theirs)[0]
+
+
+def standing(folder: Path) -> list[Figure]:
+    """Scan the real person from a part of the views, and compare with the masks of the others."""
+    figures, (_, views) = [], read_views(folder / "pictures", folder / "cameras", folder / "masks")
+    number = np.arange(len(views.masks))
+    for used in (number % 2 == 0, np.isin(number, np.linspace(0, len(number), 8, endpoint=False).astype(int))):
+        found = reconstruct(views.only(used))
+        overlap = 100 * overlaps(found.vertices, found.faces, views.only(~used))
+        label = f"real, {used.sum()} views: overlap with the masks left out"
+        figures.append(record(f"{label}, mean", float(overlap.mean()), "%", 0.01, "higher"))
+        figures.append(record(f"{label}, worst", float(overlap.min()), "%", 0.01, "higher"))
+    return figures
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--views", type=int, nargs="*", default=[8, 20, 40])
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--standing", type=Path)
+    add_options(parser)
+    options = parser.parse_args()
+    figures = [figure for views in options.views for figure in synthetic(views, options.seed)]
+    if options.standing:
+        figures += standing(options.standing)
+    return finish(figures, options, seed=options.seed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

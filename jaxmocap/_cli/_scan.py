@@ -1,0 +1,70 @@
+"""`jaxmocap scan`: pictures of a standing person become an actor."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from jaxmocap._results import InputError
+
+from ._arguments import Json
+from ._output import say, show, write_png
+from ._rig import refuse_unusable
+
+
+def scan(
+    pictures: Annotated[
+        Path,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="DIR", help="Pictures of a person who stands still, from all around, JPEG or PNG."),
+    ],
+    cameras: Annotated[
+        Path,
+        tyro.conf.arg(
+            metavar="PATH",
+            help="Their cameras: a COLMAP model whose images have the pictures' names, or a calibration of static "
+            "cameras with these names.",
+        ),
+    ],
+    masks: Annotated[
+        Path, tyro.conf.arg(metavar="DIR", help="The person in each picture, white, PNG files of the pictures' names.")
+    ],
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE.glb", help="New file for the actor.")],
+    triangles: Annotated[int, tyro.conf.arg(metavar="N", help="Triangles of the actor, about.")] = 5000,
+    height: Annotated[
+        float | None,
+        tyro.conf.arg(
+            metavar="METRES", help="How tall the person is.", help_behavior_hint="(default: the cameras are in metres)"
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.png",
+            help="Draw the actor with its joints, and bent at elbows, shoulders, knees and hips.",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    json: Json = False,
+) -> int:
+    """Scan a standing person from pictures all around, for `--actor` or capture.toml."""
+    refuse_unusable(out)
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InputError(f"--picture is {picture}; a file name that ends in .png was expected.")
+
+    from jaxmocap.pipeline import scan as scan_pictures
+
+    made = scan_pictures(pictures, out, cameras=cameras, masks=masks, height=height, num_faces=triangles, say=say)
+    if picture is not None:
+        from jaxmocap.viewers import draw_character
+
+        write_png(picture, draw_character(made.rigged.character))
+    overlap = made.report["overlap"].values()
+    text = (
+        f"{out}: {made.report['height_m']:.2f} m tall, from {made.report['views'] - len(made.report['left_out'])} "
+        f"views; its silhouette overlaps the masks by {sum(overlap) / len(overlap):.3f}."
+    )
+    show({"out": out, **made.report}, lambda: text, json_wanted=json)
+    for warning in made.report["warnings"]:
+        say(f"{out}: {warning}.")
+    return 0
