@@ -27,7 +27,7 @@ FIRST_SEARCH = {"jit(_search)", "jit(particle_boxes)"}
 
 MOST = {
     "_search": 2, "_prepare": 2, "_score": 1, "normal_equations": 4, "damped_step": 2, "sum_of_squares": 4,
-    "_solve_starts": 1, "_cluster_chunk": 4, "_face_ids": 3, "contour_lines": 3,
+    "_solve_starts": 1, "_cluster_chunk": 2, "_face_ids": 3, "contour_lines": 3,
 }  # fmt: skip
 """Programs that a capture may compile of those that take longest: limbs share their search, and so do root and torso;
 registration, flow start and refinement have rows of their own."""

@@ -299,7 +299,7 @@ class GroupSearch:
         if np.isfinite(reach.within):
             farthest = reach.within * np.asarray(spread, np.float32)
             lower, upper = np.maximum(lower, -farthest), np.minimum(upper, farthest)
-        cloud = np.zeros((2 * len(self.dofs) + 1, skeleton.num_dofs), np.float32)
+        cloud = np.zeros((2 * len(self.part.dofs) + 1, skeleton.num_dofs), np.float32)  # as many for groups that share
         for row, dof in enumerate(self.dofs):
             far = (1.7 if reach.wide == 0 else 8.0) * spread[dof]
             cloud[2 * row, dof] = min(far, float(upper[dof]))

@@ -60,7 +60,8 @@ def joint_covariances(
         jax.device_put(np.stack([r.pose.root for r in results])),
         jax.device_put(np.stack([r.pose.angles for r in results])),
     )
-    found = np.asarray(_covariances(skeleton, poses, jax.device_put(hessians), jax.device_put(deviations), settings))
+    numbers = jax.tree.map(jnp.float32, settings)  # arrays: other settings share the program
+    found = np.asarray(_covariances(skeleton, poses, jax.device_put(hessians), jax.device_put(deviations), numbers))
     trusted = [result.confidence for result in results] if confidence is None else confidence
     doubt = 1 - np.stack([np.asarray(row, np.float32) for row in trusted])
     factor = settings.scale * (1 + settings.doubt * doubt)
