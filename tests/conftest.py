@@ -16,14 +16,14 @@ ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("JAXMOCAP_DATA", ROOT.parent / "shared" / "data"))
 
 SINGLE_FUNCTIONS = {
-    *("appearance", "camera", "character", "energies", "exporters", "geometry", "guard_rails", "importers", "metrics"),
+    *("camera", "character", "energies", "exporters", "geometry", "guard_rails", "importers", "metrics"),
     *("motion", "observation", "refiners", "rigging", "samplers", "synthetic"),
 }
 """Folders of tests. Not of the rasterisers, whose drivers are held against each other bit by bit."""
 
 SHORT_RUNS = {
-    *("test_any_sampler", "test_descend", "test_doctor", "test_doubts", "test_hybrid", "test_inverse_kinematics"),
-    *("test_keys", "test_soft_faces", "test_surface_flow"),
+    *("test_any_sampler", "test_colour_model", "test_descend", "test_doctor", "test_doubts", "test_hybrid"),
+    *("test_inverse_kinematics", "test_keys", "test_soft_faces", "test_surface_flow"),
 }
 """Files of tests beside these that run for a moment what takes long to compile."""
 
