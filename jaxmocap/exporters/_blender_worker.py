@@ -9,6 +9,10 @@ import sys
 from pathlib import Path
 
 import bpy
+import numpy
+
+if "bool" not in vars(numpy):
+    numpy.bool = bool  # the importer of Blender 3.4 expects an older NumPy than Debian 12 runs it with
 
 
 def set_lens(camera, size, intrinsics):

@@ -103,14 +103,22 @@ def draw_scene(shown: Shown, index: int, eye: Eye) -> UInt8[np.ndarray, "height 
     return small
 
 
-def _first(shown: Shown) -> Eye:
+def _scene(shown: Shown) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return the scene that is to be framed, with room for a second result beside the first."""
     people, frusta, axis = shown.scene(0)
+    if shown.other is not None:
+        people = np.concatenate([people, people + shown.aside()])
+    return people, frusta, axis
+
+
+def _first(shown: Shown) -> Eye:
+    people, frusta, axis = _scene(shown)
     return first_view(people, frusta, axis, _SIZE[0] / _SIZE[1])
 
 
 def _turned(first: Eye, shown: Shown, angle: float) -> Eye:
     """Go round the person: a nearer eye than the first view's, at its height, that still sees the whole clip."""
-    people, _, axis = shown.scene(0)
+    people, _, axis = _scene(shown)
     view = first_view(people, np.zeros((0, 5, 3)), axis, _SIZE[0] / _SIZE[1])
     away, begin = view.position - view.target, first.position - first.target
     flat = np.delete(begin, axis)
@@ -143,7 +151,7 @@ def _draw_ground(
     picture: np.ndarray, shown: Shown, vertices: np.ndarray, faces: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray
 ) -> None:
     """Paint a floor under everything with a grid of half metres, and the shadow of the bodies on it."""
-    people, frusta, axis = shown.scene(0)
+    people, frusta, axis = _scene(shown)
     points = np.delete(np.concatenate([people, frusta.reshape(-1, 3)]), axis, axis=1)
     low, high = np.floor(points.min(axis=0) / _CELL - 2) * _CELL, np.ceil(points.max(axis=0) / _CELL + 2) * _CELL
     lift = lambda flat: np.insert(np.asarray(flat, float), axis, shown.ground, axis=1)  # noqa: E731
