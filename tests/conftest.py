@@ -126,8 +126,10 @@ def _compiled_sooner(request: pytest.FixtureRequest) -> Iterator[None]:
     folder = request.path.parent.name
     sooner = folder in SINGLE_FUNCTIONS or request.path.stem in SHORT_RUNS
     jax.config.update("jax_disable_most_optimizations", sooner)
-    _searched_for_long[0] = request.path.name == "test_gate.py"
-    free_programs()  # options are read when a program is first traced
+    for_long = request.path.name == "test_gate.py"
+    if for_long != _searched_for_long[0]:
+        _searched_for_long[0] = for_long
+        free_programs()  # options are read when a program is first traced
     yield
     jax.config.update("jax_disable_most_optimizations", False)
 

@@ -36,7 +36,7 @@ def without(term: str, quality: Literal["draft", "normal", "paper"]) -> Setting:
     if term == "no view-view":
         return term, {"search_energy.terms.view_view.weight": 0.0}, {}
     if term == "no light":
-        return term, {"light": "off"}, {}
+        return term, {"light": False}, {}
     if term == "no L1":
         plan = Tracker.preset(quality).refine
         assert plan is not None
