@@ -26,10 +26,15 @@ def scan(
             "cameras with these names.",
         ),
     ],
-    masks: Annotated[
-        Path, tyro.conf.arg(metavar="DIR", help="The person in each picture, white, PNG files of the pictures' names.")
-    ],
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.glb", help="New file for the actor.")],
+    masks: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="DIR",
+            help="The person in each picture, white, PNG files of the pictures' names.",
+            help_behavior_hint="(default: found, by a detector and the built-in body)",
+        ),
+    ] = None,
     triangles: Annotated[int, tyro.conf.arg(metavar="N", help="Triangles of the actor, about.")] = 5000,
     height: Annotated[
         float | None,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import jax
 import numpy as np
 from jaxtyping import Bool, UInt8
 
@@ -15,6 +16,8 @@ from jaxmocap.camera import read_picture_cameras
 from jaxmocap.capture import Undistortion
 from jaxmocap.rigging import RiggedMesh, rig
 from jaxmocap.scan import Scan, Views, person_place, reconstruct
+
+from ._scan_masks import find_outlines
 
 PICTURES = (".jpg", ".jpeg", ".png")
 POOR = 0.85
@@ -38,25 +41,36 @@ class ScannedActor:
 
 
 def read_views(
-    pictures: str | Path, cameras: str | Path, masks: str | Path, height: float | None = None
+    pictures: str | Path,
+    cameras: str | Path,
+    masks: str | Path | None = None,
+    height: float | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> tuple[tuple[str, ...], Views]:
-    """Read the views and their names, as `scan` says; with the person's `height` the cameras may have any unit."""
+    """Read the views and their names, as `scan` says, and find masks where none are given."""
+    if masks is None and height is None:
+        raise InputError("masks are found around a body of the person's height; say it with --height, or give --masks.")
     files = _pictures(Path(pictures))
     images = [_read(file) for file in files]
     sizes = {(image.shape[1], image.shape[0]) for image in images}
     if len(sizes) > 1:
         raise InputError(f"the pictures in {pictures} have {len(sizes)} sizes ({_sizes(sizes)}); give pictures of one.")
     names = [file.name for file in files]
-    known = read_picture_cameras(Path(cameras), names, next(iter(sizes)), any_scale=height is not None)
-    drawn = [_mask(Path(masks), file, image.shape) for file, image in zip(files, images, strict=True)]
+    scaled = height is not None and masks is not None
+    known = read_picture_cameras(Path(cameras), names, next(iter(sizes)), any_scale=scaled)
     lenses = [
         Undistortion(np.asarray(k), np.asarray(d), size)
         for k, d, size in zip(known.intrinsics, known.distortion, known.sizes, strict=True)
     ]
     grey = np.stack([lens.image(image) for lens, image in zip(lenses, images, strict=True)])
-    shown = np.stack([lens.mask(mask) for lens, mask in zip(lenses, drawn, strict=True)])
+    if masks is None:
+        shown = find_outlines(files, known, height, jax.random.key(0), say)
+    else:
+        drawn = [_mask(Path(masks), file, image.shape) for file, image in zip(files, images, strict=True)]
+        shown = np.stack([lens.mask(mask) for lens, mask in zip(lenses, drawn, strict=True)])
     views = Views(grey, shown, np.asarray(known.intrinsics), np.array(known.cam_from_world[:, 0]))
-    if height is not None:
+    if scaled:
+        assert height is not None
         views.cam_from_world[:, :3, 3] *= height / person_place(views)[1]
     return tuple(file.stem for file in files), views
 
@@ -66,7 +80,7 @@ def scan(
     out: str | Path | None = None,
     *,
     cameras: str | Path,
-    masks: str | Path,
+    masks: str | Path | None = None,
     height: float | None = None,
     num_faces: int = 5000,
     say: Callable[[str], None] | None = None,
@@ -75,12 +89,13 @@ def scan(
 
     `pictures` is a folder of JPEG or PNG files of one size, all taken at once or while the person stood still.
     `cameras` is a COLMAP model whose images have the names of these files, or a static calibration of cameras with the
-    files' names; `masks` a folder of PNG files with these names, white on the person. `height` in metres scales the
-    cameras' world, which is in metres otherwise. Writes a GLB to `out`, if given, that `track --actor` takes. Raises
-    `InputError` for files that are missing or do not fit, silhouettes with nothing in common, and where no standing
-    person is found.
+    files' names; `masks` a folder of PNG files with these names, white on the person. Without masks the person is
+    detected (extra `detect`) and cut out around the built-in body of this `height` (`find_outlines`); then the cameras
+    are in metres, about. With masks `height` in metres scales the cameras' world, which is in metres otherwise. Writes
+    a GLB to `out`, if given, that `track --actor` takes. Raises `InputError` for files that are missing or do not fit,
+    silhouettes with nothing in common, and where no standing person is found.
     """
-    names, views = read_views(pictures, cameras, masks, height)
+    names, views = read_views(pictures, cameras, masks, height, say)
     found = reconstruct(views)
     rigged = rig(
         (found.vertices, found.faces),
@@ -124,9 +139,9 @@ def _pictures(folder: Path) -> list[Path]:
 
 
 def _read(file: Path) -> UInt8[np.ndarray, "height width"]:
-    image = (
-        cv2.imdecode(np.frombuffer(file.read_bytes(), np.uint8), cv2.IMREAD_GRAYSCALE) if file.stat().st_size else None
-    )
+    content = np.frombuffer(file.read_bytes(), np.uint8)
+    grey_as_stored = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION  # as COLMAP sees it
+    image = cv2.imdecode(content, grey_as_stored) if len(content) else None
     if image is None:
         raise InputError(f"{file} cannot be read as a picture; export it again as JPEG or PNG.")
     return image

@@ -130,6 +130,8 @@ def test_what_is_wrong_with_the_files_is_said(folder):
         scanned(folder)
     cv2.imwrite(str(folder / "pictures" / "view9.png"), np.zeros((SIZE, SIZE), np.uint8))
     (folder / "away.png").rename(folder / "masks" / "view2.png")
+    with pytest.raises(InputError, match="say it with --height, or give --masks"):
+        scanned(folder, masks=None)
     with pytest.raises(InputError, match="view9"):
         scanned(folder)
     with pytest.raises(InputError, match="is not a folder"):
