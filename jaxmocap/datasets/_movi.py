@@ -114,7 +114,7 @@ def _motions(move: dict[str, Any], path: Path) -> list[str]:
 def _calibration(folder: Path, camera: str) -> StaticCalibration:
     inside, outside = (_file(folder, f"{kind}_{camera}.npz") for kind in ("cameraParams", "Extrinsics"))
     try:
-        with np.load(inside) as lens, np.load(outside) as pose:
+        with np.load(inside, allow_pickle=False) as lens, np.load(outside, allow_pickle=False) as pose:
             matrix = np.asarray(lens["IntrinsicMatrix"], float).T
             radial, tangential = (
                 np.ravel(lens[f"{kind}Distortion"]).astype(float) for kind in ("Radial", "Tangential")

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
@@ -48,7 +49,12 @@ def find_outlines(
     for file, mask in zip(files, masks, strict=True):
         if mask is None or not mask.any():
             raise InputError(f"nobody is found in {file}; take the picture out, or give masks with --masks.")
-    return np.stack([np.asarray(mask, bool) for mask in masks])
+    return np.stack([_enlarged(mask, size) for mask, size in zip(masks, cameras.sizes, strict=True)])
+
+
+def _enlarged(mask: Bool[np.ndarray, "_ _"], size: tuple[int, int]) -> Bool[np.ndarray, "height width"]:
+    """Bring a mask to the size of its picture: a capture works on smaller ones where pictures are large."""
+    return cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) > 0.5
 
 
 def _upright(cameras: Cameras) -> Float[jax.Array, "camera frame 4 4"]:
