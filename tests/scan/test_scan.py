@@ -9,7 +9,8 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, write_cameras
 from jaxmocap.geometry import face_components
 from jaxmocap.pipeline import scan
-from jaxmocap.scan import Views, reconstruct, visual_hull
+from jaxmocap.pipeline._scan import read_views
+from jaxmocap.scan import Views, overlaps, reconstruct, visual_hull
 
 SIZE, FOCAL, AWAY, RADIUS = 160, 150.0, 1.0, 0.3
 BALLS = np.array([[0.0, 0.0, 0.0], [0.0, 0.42, 0.0]])
@@ -89,6 +90,18 @@ def test_silhouettes_of_different_places_have_nothing_in_common():
         reconstruct(views._replace(masks=apart), cell=0.02)
     with pytest.raises(InputError, match="3 views of the person are given; 4 all around are needed"):
         reconstruct(views.only(np.arange(6) < 3))
+
+
+@pytest.mark.slow
+def test_a_real_person_seen_by_eight_cameras_fits_the_masks_of_the_twelve_others(data):
+    standing = data / "standing"
+    if not standing.is_dir():
+        pytest.skip(f"{standing} is not there")
+    _, views = read_views(standing / "pictures", standing / "cameras", standing / "masks")
+    used = np.isin(np.arange(20), (0, 2, 5, 7, 10, 12, 15, 17))
+    made = reconstruct(views.only(used))
+    assert made.used.all()
+    assert overlaps(made.vertices, made.faces, views.only(~used)).mean() > 0.93
 
 
 @pytest.fixture
