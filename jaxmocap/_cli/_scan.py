@@ -39,7 +39,9 @@ def scan(
     height: Annotated[
         float | None,
         tyro.conf.arg(
-            metavar="METRES", help="How tall the person is.", help_behavior_hint="(default: the cameras are in metres)"
+            metavar="METRES",
+            help="How tall the person is; needed where the masks are found.",
+            help_behavior_hint="(default: the cameras are in metres)",
         ),
     ] = None,
     picture: Annotated[

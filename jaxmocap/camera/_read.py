@@ -64,9 +64,13 @@ class _Loaded(NamedTuple):
     metres_per_unit: float | None
 
 
+def _folder(path: Path) -> Path:
+    """Return the folder of a COLMAP model of which a file is named."""
+    return path.parent if path.name in ("cameras.txt", "cameras.bin", "images.txt", "images.bin") else path
+
+
 def _load(path: Path, names: tuple[str, ...], sizes: Sequence[tuple[int, int]] | None, frames: np.ndarray) -> _Loaded:
-    folder = path.parent if path.name in ("cameras.txt", "cameras.bin", "images.txt", "images.bin") else path
-    files = colmap_files(folder)
+    files = colmap_files(_folder(path))
     if files is not None:
         return _Loaded(*from_colmap(read_colmap(*files), names, frames), None)
     static, unit = _static_files(path, names)
@@ -107,7 +111,7 @@ def read_picture_cameras(
     """
     names, sizes = tuple(Path(picture).stem for picture in pictures), [size] * len(pictures)
     frames = np.zeros((len(names), 1), int)
-    files = colmap_files(path)
+    files = colmap_files(_folder(path))
     if files is None:
         loaded = _load(path, names, sizes, frames)
     else:

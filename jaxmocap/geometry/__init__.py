@@ -4,6 +4,7 @@ from ._mesh import (
     faces_within as faces_within,
     facing_cosine as facing_cosine,
     pack_rows as pack_rows,
+    uniform_laplacian as uniform_laplacian,
     vertex_normals as vertex_normals,
 )
 from ._residuals import (

@@ -70,6 +70,14 @@ def pack_rows(table: sparse.csr_matrix) -> UInt32[np.ndarray, "face word"]:
     return words
 
 
+def uniform_laplacian(faces: Int[np.ndarray, "face 3"], count: int) -> sparse.csr_array:
+    """Build the uniform Laplacian of a closed mesh: each of `count` vertices less the mean of its neighbours."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    links = sparse.csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    mean = sparse.diags_array(1.0 / np.maximum(np.asarray(links.sum(axis=1)), 1)) @ links
+    return sparse.csr_array(sparse.eye_array(count) - mean)
+
+
 def face_components(faces: Int[np.ndarray, "face 3"]) -> tuple[int, Int[np.ndarray, "face"]]:
     """Count the connected pieces, and number the piece of each face."""
     count, labels = sparse.csgraph.connected_components(face_adjacency(faces), directed=False)

@@ -64,6 +64,7 @@ def read_views(
     ]
     grey = np.stack([lens.image(image) for lens, image in zip(lenses, images, strict=True)])
     if masks is None:
+        assert height is not None
         shown = find_outlines(files, known, height, jax.random.key(0), say)
     else:
         drawn = [_mask(Path(masks), file, image.shape) for file, image in zip(files, images, strict=True)]

@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from json import dumps
 from pathlib import Path
 
 import cv2
@@ -22,25 +23,24 @@ Say = Callable[[str], None]
 
 
 def find_outlines(
-    files: Sequence[Path], cameras: Cameras, height: float | None, key: PRNGKeyArray, say: Say | None = None
+    files: Sequence[Path], cameras: Cameras, height: float, key: PRNGKeyArray, say: Say | None = None
 ) -> Bool[np.ndarray, "view height width"]:
     """Find the person in pictures that show one moment, as masks without distortion.
 
     The pictures become the cameras of a capture of one frame: a detector finds keypoints, the built-in body, `height`
-    metres tall if that is known, is registered to them, and colours decide along its outline. `cameras` are in metres.
+    metres tall, is registered to them, and colours decide along its outline. `cameras` are in metres.
     Raises `InputError` where the detector cannot be had or finds nobody.
     """
     tell = say or (lambda sentence: None)
     with tempfile.TemporaryDirectory() as place:
-        folder, names = Path(place), tuple(f"view{number:03d}" for number in range(len(files)))
-        videos = [f"{name}{file.suffix.lower()}" for name, file in zip(names, files, strict=True)]
-        for file, video in zip(files, videos, strict=True):
-            (folder / video).write_bytes(file.read_bytes())
-        write_cameras(replace(cameras, names=names, cam_from_world=_upright(cameras)), folder / "cameras", "colmap")
-        sections = [f'\n[[camera]]\nname = "{n}"\nvideo = "{v}"\n' for n, v in zip(names, videos, strict=True)]
-        head = 'name = "scan"\nfps = 25\nframes = 1\nunits = "metres"\nup = "y"\ncameras = "cameras"\n'
+        folder = Path(place)
+        for file in files:
+            (folder / file.name).write_bytes(file.read_bytes())
+        write_cameras(replace(cameras, cam_from_world=_upright(cameras)), folder / "cameras.toml", "aniposelib")
+        sections = [f"\n[[camera]]\nname = {dumps(file.stem)}\nvideo = {dumps(file.name)}\n" for file in files]
+        head = 'name = "scan"\nfps = 25\nframes = 1\nunits = "metres"\nup = "y"\ncameras = "cameras.toml"\n'
         (folder / "capture.toml").write_text(head + "selected_frames = [0]\n" + "".join(sections), encoding="utf-8")
-        detect(folder, say=lambda sentence: None)
+        detect(folder, say=tell)
         capture = Capture.open(folder)
         character = character_of(capture, height=height, key=key).character
         tell("The masks are found: the person is detected, and cut out around the built-in body.")

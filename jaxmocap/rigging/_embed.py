@@ -15,7 +15,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import KDTree
 
 from jaxmocap.character import BODIES
-from jaxmocap.geometry import vertex_normals
+from jaxmocap.geometry import uniform_laplacian, vertex_normals
 
 from ._fit_template import Fit, Pin, Points, fit_template
 from ._orientation import Guess, guesses
@@ -173,7 +173,7 @@ def bent_landmarks(target: Points, body: Body) -> tuple[dict[str, np.ndarray], F
     """
     vertices, _ = surface(body)
     faces = np.asarray(template().faces)
-    smooth = _laplacian(faces, len(vertices))
+    smooth = uniform_laplacian(faces, len(vertices))
     energy = smooth.transpose() @ smooth
     tree = KDTree(target.keys())
     offset = np.zeros_like(vertices)
@@ -195,11 +195,3 @@ def bent_landmarks(target: Points, body: Body) -> tuple[dict[str, np.ndarray], F
         near = np.exp(-0.5 * np.sum((vertices - place) ** 2, axis=1) / _REACH**2)
         moved[name] = place + near @ offset / max(near.sum(), 1e-9)
     return moved, vertices + offset
-
-
-def _laplacian(faces: np.ndarray, count: int) -> sparse.csr_array:
-    """Each vertex less the mean of its neighbours."""
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    links = sparse.csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    mean = sparse.diags_array(1.0 / np.maximum(np.asarray(links.sum(axis=1)), 1)) @ links
-    return sparse.csr_array(sparse.eye_array(count) - mean)

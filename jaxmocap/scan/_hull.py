@@ -7,12 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import View, pixel_rays, project
-from jaxmocap.geometry import surface_nets
+from jaxmocap.geometry import face_components, surface_nets
 
 CHUNK = 1 << 16
 """Points that are looked at in one call."""
@@ -166,8 +164,6 @@ def person_place(views: Views) -> tuple[Float[np.ndarray, "3"], float]:
 
 
 def _largest_part(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    links = sparse.coo_matrix((np.ones(len(edges), bool), tuple(edges.T)), shape=(len(vertices),) * 2)
-    _, part = connected_components(links, directed=False)
-    kept = part == np.argmax(np.bincount(part))
-    return vertices[kept], (np.cumsum(kept) - 1)[faces[kept[faces[:, 0]]]]
+    _, part = face_components(faces)
+    used, renumbered = np.unique(faces[part == np.argmax(np.bincount(part))], return_inverse=True)
+    return vertices[used], renumbered.reshape(-1, 3)

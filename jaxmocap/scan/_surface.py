@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from jaxmocap.geometry import faces_within, pack_rows, vertex_normals
+from jaxmocap.geometry import faces_within, pack_rows, uniform_laplacian, vertex_normals
 from jaxmocap.refinement import FlowSettings, View, compare_views
 from jaxmocap.render import face_ids
 
@@ -26,7 +26,7 @@ SAME = 5
 """Edge steps within which two faces count as the same place (Eq. 7)."""
 
 ROBUST = 0.01
-"""Metres at which what one pixel says counts half (Geman and McClure 1985)."""
+"""Metres at which what one pixel says counts a quarter (Geman and McClure 1985)."""
 
 OUTLINE, STIFF, FAIR = 20.0, 30.0, 40.0
 """Weights of a pixel of an outline, of bending the offset and of bending the surface, where a pixel that two pictures
@@ -53,7 +53,7 @@ def refine_surface(
     surface; one sparse linear system per round.
     """
     near, distances = pack_rows(faces_within(faces, SAME)), mask_distances(views.masks)
-    pairs, laplacian = _neighbours(views, vertices), _laplacian(faces, len(vertices))
+    pairs, laplacian = _neighbours(views, vertices), uniform_laplacian(faces, len(vertices))
     bending = (laplacian.T @ laplacian).tocsc()
     for _ in range(rounds):
         drawn = draw_views(vertices, faces, views)
@@ -65,7 +65,7 @@ def refine_surface(
     return vertices
 
 
-def _evened(vertices: np.ndarray, faces: np.ndarray, laplacian: sparse.csr_matrix) -> np.ndarray:
+def _evened(vertices: np.ndarray, faces: np.ndarray, laplacian: sparse.csr_array) -> np.ndarray:
     """Slide vertices within the surface, halfway to the middle of their neighbours."""
     normals, way = vertex_normals(vertices, faces), -0.5 * (laplacian @ vertices)
     return vertices + way - normals * np.einsum("vi,vi->v", way, normals)[:, None]
@@ -109,11 +109,12 @@ def _on_surface(
     """Meet rays with the planes of their faces: the points, and the weights of the faces' corners."""
     a, b, c = (vertices[faces[face, corner]] for corner in range(3))
     normal = np.cross(b - a, c - a)
-    along = np.einsum("pi,pi->p", a - centre, normal) / np.einsum("pi,pi->p", rays, normal)
-    point = centre + along[:, None] * rays
-    double = np.einsum("pi,pi->p", normal, normal)
-    first = np.einsum("pi,pi->p", np.cross(b - point, c - point), normal) / double
-    second = np.einsum("pi,pi->p", np.cross(c - point, a - point), normal) / double
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = np.einsum("pi,pi->p", a - centre, normal) / np.einsum("pi,pi->p", rays, normal)
+        point = centre + along[:, None] * rays
+        double = np.einsum("pi,pi->p", normal, normal)
+        first = np.einsum("pi,pi->p", np.cross(b - point, c - point), normal) / double
+        second = np.einsum("pi,pi->p", np.cross(c - point, a - point), normal) / double
     return point, np.clip(np.stack([first, second, 1 - first - second], axis=1), 0.0, 1.0)
 
 
@@ -141,7 +142,8 @@ def _agreement(
     normal = np.einsum("pk,pki->pi", shares, normals[faces[face]])
     offset = np.einsum("pi,pi->p", met - point, normal)
     weight = found.weight[row, column] / (1 + (offset / ROBUST) ** 2) ** 2
-    return _Pulls(face, shares, offset, np.where(np.abs(offset) < BELIEVED, weight, 0.0))
+    believed = np.abs(offset) < BELIEVED  # nor where a ray grazes its face and meets it nowhere
+    return _Pulls(face[believed], shares[believed], offset[believed], weight[believed])
 
 
 def _meeting(centre: np.ndarray, rays: np.ndarray, other: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -166,29 +168,21 @@ def _outline(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray, dista
     offset = (distances[row, column] - 0.5) * depth / view.intrinsics[0, 0]
     outward = np.einsum("pi,pi->p", normals[faces[face]].mean(1), rays / np.linalg.norm(rays, axis=1, keepdims=True))
     square = np.sqrt(np.clip(1 - outward**2, 0.0, 1.0))  # how far the normal lies in the picture
-    weight = np.where(np.abs(offset) < BELIEVED, OUTLINE * square, 0.0)
-    return _Pulls(face, np.full((len(face), 3), 1 / 3), offset, weight)
-
-
-def _laplacian(faces: np.ndarray, count: int) -> sparse.csr_matrix:
-    """Build the uniform Laplacian: a vertex minus the mean of its neighbours."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    links = sparse.coo_matrix((np.ones(len(edges)), tuple(edges.T)), shape=(count, count)).tocsr()
-    links = ((links + links.T) > 0).astype(np.float64)
-    mean = sparse.diags(1 / np.maximum(np.asarray(links.sum(1)).ravel(), 1.0)) @ links
-    return sparse.csr_matrix(sparse.identity(count) - mean)
+    believed = np.abs(offset) < BELIEVED
+    shares = np.full((int(believed.sum()), 3), 1 / 3)
+    return _Pulls(face[believed], shares, offset[believed], OUTLINE * square[believed])
 
 
 def _offsets(
-    vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray, pulls: list[_Pulls], bending: sparse.csc_matrix
+    vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray, pulls: list[_Pulls], bending: sparse.csc_array
 ) -> Float[np.ndarray, " vertex"]:
     """Solve for the offset of every vertex along its normal, metres."""
     face, shares, offset, weight = (np.concatenate(column) for column in zip(*pulls, strict=True))
     row = np.repeat(np.arange(len(face)), 3)
-    moved = sparse.csr_matrix((shares.ravel(), (row, faces[face].ravel())), shape=(len(face), len(vertices)))
-    weighted = sparse.diags(weight) @ moved
-    along = [sparse.diags(normals[:, axis]) for axis in range(3)]
+    moved = sparse.csr_array((shares.ravel(), (row, faces[face].ravel())), shape=(len(face), len(vertices)))
+    weighted = sparse.diags_array(weight) @ moved
+    along = [sparse.diags_array(normals[:, axis]) for axis in range(3)]
     fair = sum(normal @ bending @ normal for normal in along)
     rough = sum(normal @ (bending @ vertices[:, axis]) for axis, normal in enumerate(along))
-    matrix = moved.T @ weighted + STIFF * bending + FAIR * fair + 1e-6 * sparse.identity(len(vertices))
-    return spsolve(sparse.csc_matrix(matrix), weighted.T @ offset - FAIR * rough)
+    matrix = moved.T @ weighted + STIFF * bending + FAIR * fair + 1e-6 * sparse.eye_array(len(vertices))
+    return spsolve(sparse.csc_array(matrix), weighted.T @ offset - FAIR * rough)
