@@ -1,7 +1,7 @@
 """`jaxmocap evaluate`: a result against the truth."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -32,6 +32,13 @@ def evaluate(
             "the same place; all of the skeleton; or these.",
         ),
     ] = ("comparable",),
+    align: Annotated[
+        Literal["cameras", "joints"],
+        tyro.conf.arg(
+            help="What brings the result's world to the truth's: the cameras, where the truth holds theirs; or the "
+            "joints of all frames, for cameras that were calibrated from the videos alone.",
+        ),
+    ] = "cameras",
     json: Json = False,
 ) -> int:
     """Score a result by the paper's marker protocol and by joints, in centimetres."""
@@ -40,7 +47,7 @@ def evaluate(
 
     motion = Motion.load(result)
     chosen = joints[0] if joints in (("comparable",), ("all",)) else joints
-    scores = evaluate(motion, truth or _truth_of(motion, result), joints=chosen)
+    scores = evaluate(motion, truth or _truth_of(motion, result), joints=chosen, align=align)
     show(scores, lambda: evaluation_table(scores, f"{result}"), json_wanted=json)
     return 0
 

@@ -2,19 +2,21 @@
 
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from rich.table import Table
 
 from jaxmocap._results import InputError
-from jaxmocap.geometry import IDENTITY, Similarity, align_cameras, camera_residuals
+from jaxmocap.geometry import IDENTITY, Similarity, align_cameras, camera_residuals, fit_similarity
 from jaxmocap.motion import Motion
 
 from ._joints import JOINTS, Joints, joint_errors, joint_statistics
 from ._markers import marker_error, marker_statistics
 from ._motion_quality import foot_skate, jitter
 from ._truth import Truth
+
+Align = Literal["cameras", "joints"]
 
 REGIONS = (0.5, 0.9, 0.99)
 """Shares of the truth that the regions of a motion's uncertainty should hold."""
@@ -35,11 +37,14 @@ def evaluate(
     truth: str | os.PathLike[str],
     *,
     joints: Joints = "comparable",
+    align: Align = "cameras",
 ) -> dict[str, Any]:
     """Score a result (a motion or its folder) against a truth file; see `Truth.read` for what that may hold.
 
     Frames are matched by time. Where the truth holds the cameras' true poses and the result its own, the result's world
-    is first brought to the truth's once, by the similarity between the two sets of cameras; `aligned_by` says so.
+    is first brought to the truth's once, by the similarity between the two sets of cameras; `aligned_by` says so. With
+    `align="joints"` it is the similarity between the scored joints of all frames, for a result whose cameras were
+    calibrated from its own videos and a truth that holds none: then place, direction and size say nothing.
 
     `joints` says which joints are scored. A joint of the same name is not always the same point: pelvis, spine, thorax
     and head lie elsewhere in every rig. So "comparable", the default, scores the neck, shoulders, elbows, wrists, hips,
@@ -58,11 +63,14 @@ def evaluate(
     scores: dict[str, Any] = {"frames": len(evaluated), "lost_frames": int((evaluated.status == "lost").sum())}
     if len(evaluated) < len(motion):
         scores["frames_without_truth"] = len(motion) - len(evaluated)
-    placed, alignment = _alignment(reference, evaluated)
+    if align == "joints":
+        placed, alignment = _aligned_by_joints(reference, evaluated, joints)
+    else:
+        placed, alignment = _aligned_by_cameras(reference, evaluated)
     if reference.markers is not None:
         scores |= _marker_scores(evaluated, reference.markers, placed)
     if reference.joints is not None:
-        scores |= _joint_scores(evaluated, reference, joints, placed)
+        scores |= _joint_scores(evaluated, reference, _comparable(reference, joints), placed)
     scores["jitter_m_per_s2"] = jitter(evaluated, placed.scale)
     skate = foot_skate(evaluated).summary()
     if skate:
@@ -89,7 +97,27 @@ def evaluation_table(scores: Mapping[str, Any], title: str = "Evaluation") -> Ta
     return table
 
 
-def _alignment(truth: Truth, motion: Motion) -> tuple[Similarity, dict[str, Any]]:
+def _comparable(truth: Truth, joints: Joints) -> Joints:
+    """All joints are comparable where the truth's are those of our skeleton."""
+    return "all" if joints == "comparable" and truth.has_our_joints else joints
+
+
+def _aligned_by_joints(truth: Truth, motion: Motion, joints: Joints) -> tuple[Similarity, dict[str, Any]]:
+    """truth_from_world, and what to say about it."""
+    if truth.joints is None:
+        raise InputError(f"{truth.path} holds no joints to align by; align by the cameras, or give a truth with joints.")
+    errors = joint_errors(motion, truth.joints, truth.joint_names, joints=_comparable(truth, joints))
+    ours = motion.joints[:, [motion.joint_names.index(name) for name in errors.names]].astype(np.float64)
+    true = np.asarray(truth.joints, np.float64)[:, [list(truth.joint_names).index(name) for name in errors.names]]
+    known = np.isfinite(true).all(-1)
+    similarity = fit_similarity(ours[known], true[known])
+    return similarity, {
+        "aligned_by": f"one similarity over {int(known.sum())} joints, so that place, direction and size are not scored",
+        "alignment": {"scale": similarity.scale, "rotation_degrees": float(np.degrees(similarity.angle))},
+    }
+
+
+def _aligned_by_cameras(truth: Truth, motion: Motion) -> tuple[Similarity, dict[str, Any]]:
     """truth_from_world, and what to say about it."""
     if truth.cam_from_world is None:
         return IDENTITY, {}
@@ -128,8 +156,6 @@ def _marker_scores(motion: Motion, markers: np.ndarray, placed: Similarity) -> d
 
 def _joint_scores(motion: Motion, truth: Truth, joints: Joints, placed: Similarity) -> dict[str, Any]:
     assert truth.joints is not None
-    if joints == "comparable" and truth.has_our_joints:
-        joints = "all"
     errors = joint_errors(motion, truth.joints, truth.joint_names, joints=joints, truth_from_world=placed)
     scores: dict[str, Any] = {
         "joint_error_cm": joint_statistics(errors.raw),

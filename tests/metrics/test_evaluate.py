@@ -256,3 +256,23 @@ def test_the_truths_of_the_example_captures_are_read(name):
     assert (truth.cam_from_world is None) == (name != "plaza_raw")
     assert np.isclose(truth.times[1], 1 / 60 if name == "balance" else 1 / 30)
     assert len({"neck", "l_shoulder", "r_ankle"} & set(truth.joint_names) & set(CHARACTER.skeleton.landmark_names)) == 3
+
+
+def test_worlds_without_common_cameras_are_aligned_by_the_joints_of_all_frames(motion, tmp_path):
+    truth = _truth(motion)
+    turn = Rotation.from_rotvec([0.3, -1.0, 0.2]).as_matrix()
+    for name in ("markers", "joints"):
+        truth[name] = 1.1 * truth[name] @ turn.T + [3.0, 0.5, -2.0]
+    path = _write(tmp_path / "truth.npz", truth)
+    apart, aligned = evaluate(motion, path), evaluate(motion, path, align="joints")
+    assert apart["joint_error_cm"]["mean"] > 100
+    assert aligned["joint_error_cm"]["max"] == pytest.approx(0, abs=1e-3)
+    assert aligned["marker_error_cm"]["max"] == pytest.approx(0, abs=1e-3)
+    assert aligned["alignment"]["scale"] == pytest.approx(1.1)
+    assert aligned["aligned_by"].startswith("one similarity over 24 joints")
+
+
+def test_a_truth_without_joints_cannot_be_aligned_by_them(motion, tmp_path):
+    path = _write(tmp_path / "truth.npz", {"markers": _truth(motion)["markers"]})
+    with pytest.raises(InputError, match="holds no joints to align by"):
+        evaluate(motion, path, align="joints")
