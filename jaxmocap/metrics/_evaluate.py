@@ -105,14 +105,16 @@ def _comparable(truth: Truth, joints: Joints) -> Joints:
 def _aligned_by_joints(truth: Truth, motion: Motion, joints: Joints) -> tuple[Similarity, dict[str, Any]]:
     """truth_from_world, and what to say about it."""
     if truth.joints is None:
-        raise InputError(f"{truth.path} holds no joints to align by; align by the cameras, or give a truth with joints.")
+        raise InputError(
+            f"{truth.path} holds no joints to align by; align by the cameras, or give a truth with joints."
+        )
     errors = joint_errors(motion, truth.joints, truth.joint_names, joints=_comparable(truth, joints))
     ours = motion.joints[:, [motion.joint_names.index(name) for name in errors.names]].astype(np.float64)
     true = np.asarray(truth.joints, np.float64)[:, [list(truth.joint_names).index(name) for name in errors.names]]
     known = np.isfinite(true).all(-1)
     similarity = fit_similarity(ours[known], true[known])
     return similarity, {
-        "aligned_by": f"one similarity over {int(known.sum())} joints, so that place, direction and size are not scored",
+        "aligned_by": f"one similarity over {int(known.sum())} joints: place, direction and size are not scored",
         "alignment": {"scale": similarity.scale, "rotation_degrees": float(np.degrees(similarity.angle))},
     }
 
