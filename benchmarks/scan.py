@@ -1,16 +1,19 @@
 """How far a scan is from the surface it shows: the synthetic actor filmed from all around, and a real person.
 
-    python benchmarks/scan.py [--views 8 20 40] [--standing ../shared/data/standing]
+    python benchmarks/scan.py [--views 8 20 40] [--walk] [--standing ../shared/data/standing]
 
 The synthetic actor stands still between the views of a shaky circle; distances go both ways between its surface and the
-scan, joints are those that `rig` finds. Of the real person (`--standing`) no surface is known: every second mask, and
-all but eight, are left out and compared with the scan's silhouette. Every figure is a small record as in `stages.py`;
-`--gate` compares with a committed file.
+scan, joints are those that `rig` finds. `--walk` films the actor from a shaky circle and scans the video alone, told
+the height: cameras and masks are found, and the scan is laid onto the truth by the cameras' places. Of the real person
+(`--standing`) no surface is known: every second mask, and all but eight, are left out and compared with the scan's
+silhouette. Every figure is a small record as in `stages.py`; `--gate` compares with a committed file.
 """
 
 import argparse
 import sys
+import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import jaxmocap
@@ -24,22 +27,27 @@ from figures import Figure, add_options, finish, record  # noqa: E402
 from scipy.spatial import KDTree  # noqa: E402
 
 from jaxmocap._results import InputError  # noqa: E402
-from jaxmocap.pipeline._scan import read_views  # noqa: E402
+from jaxmocap.character import Character  # noqa: E402
+from jaxmocap.geometry import align_cameras, camera_residuals  # noqa: E402
+from jaxmocap.pipeline._scan_views import read_views  # noqa: E402
 from jaxmocap.rigging import rig  # noqa: E402
 from jaxmocap.scan import Scan, Views, overlaps, reconstruct  # noqa: E402
 from jaxmocap.synthetic import Outfit, Subject, develop, make_actor, make_scene, render_view  # noqa: E402
+from jaxmocap.viewers import open_video  # noqa: E402
 
 SIZE, FOCAL, AWAY, HEIGHT = (540, 960), 1100.0, 2.6, 1.3
+STANDING_HEIGHT = 1.66
 SHAKE, SAMPLES = 0.06, 200_000
 JOINTS = tuple(f"{side}_{joint}" for side in "lr" for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
 
 
-def circle(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Camera poses on a shaky circle around a person who stands at the origin, y up."""
+def circle(count: int, shake: np.ndarray) -> np.ndarray:
+    """Camera poses on a circle around a person who stands at the origin, y up, shaken by `shake (count, 6)`."""
     poses = np.tile(np.eye(4), (count, 1, 1))
-    for pose, angle in zip(poses, 2 * np.pi * (np.arange(count) + 0.3) / count, strict=True):
-        centre = np.array([AWAY * np.cos(angle), HEIGHT, AWAY * np.sin(angle)]) + SHAKE * rng.standard_normal(3)
-        forward = np.array([0, 0.9, 0]) + SHAKE * rng.standard_normal(3) - centre
+    angles = 2 * np.pi * (np.arange(count) + 0.3) / count
+    for pose, angle, shaken in zip(poses, angles, SHAKE * shake, strict=True):
+        centre = np.array([AWAY * np.cos(angle), HEIGHT, AWAY * np.sin(angle)]) + shaken[:3]
+        forward = np.array([0, 0.9, 0]) + shaken[3:] - centre
         forward /= np.linalg.norm(forward)
         right = np.cross(forward, [0.0, 1.0, 0.0])
         right /= np.linalg.norm(right)
@@ -54,7 +62,7 @@ def synthetic(views: int, seed: int) -> list[Figure]:
     vertices, faces = np.asarray(actor.vertices, float), np.asarray(actor.faces)
     lift = np.array([0, -vertices[:, 1].min(), 0])
     subject = Subject(np.asarray(actor.vertices, np.float32), faces, Outfit.make(seed))
-    scene, poses = make_scene(seed), circle(views, rng)
+    scene, poses = make_scene(seed), circle(views, rng.standard_normal((views, 6)))
     intrinsics = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]])
     drawn = [render_view(scene, subject, vertices + lift, intrinsics, pose, SIZE) for pose in poses]
     grey = np.stack([cv2.cvtColor(develop(one.light, rng), cv2.COLOR_RGB2GRAY) for one in drawn])
@@ -65,11 +73,49 @@ def synthetic(views: int, seed: int) -> list[Figure]:
     seconds, hull = time.perf_counter() - begin, reconstruct(seen, rounds=0)
     label = f"synthetic, {views} views"
     figures = [record(f"{label}: seconds", seconds, "s", 0.5)]
-    for name, one in (("hull", hull), ("scan", found)):
+    return [*figures, *scored(label, {"hull": hull, "scan": found}, actor, lift)]
+
+
+def walk(seed: int, frames: int = 160) -> list[Figure]:
+    """Film the synthetic actor once around, scan the video, and measure."""
+    actor, rng = make_actor(), np.random.default_rng(seed)
+    vertices, faces = np.asarray(actor.vertices, float), np.asarray(actor.faces)
+    lift = np.array([0, -vertices[:, 1].min(), 0])
+    subject = Subject(np.asarray(actor.vertices, np.float32), faces, Outfit.make(seed))
+    scene, shake = make_scene(seed), cv2.GaussianBlur(rng.standard_normal((frames, 6)), (1, 0), sigmaX=1, sigmaY=8)
+    poses = circle(frames, shake / shake.std())
+    intrinsics = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]])
+    with tempfile.TemporaryDirectory() as place:
+        video = Path(place) / "walk.mp4"
+        with open_video(video, quality=18) as writer:
+            for number, pose in enumerate(poses):
+                drawn = render_view(scene, subject, vertices + lift, intrinsics, pose, SIZE)
+                writer.write(number / 30, develop(drawn.light, rng))
+        begin = time.perf_counter()
+        names, views = read_views(video, height=float(np.ptp(vertices[:, 1])), say=print)
+    found = reconstruct(views)
+    seconds, label = time.perf_counter() - begin, f"synthetic walk, {len(names)} views"
+    true = poses[[int(name.removeprefix("frame")) for name in names]]
+    placed = align_cameras(views.cam_from_world, true)
+    away, angle = camera_residuals(placed, views.cam_from_world, true)
+    figures = [
+        record(f"{label}: seconds", seconds, "s", 0.5),
+        record(f"{label}: scale, true to found", placed.scale, "", 0.02),
+        record(f"{label}: places of the cameras, mean", 100 * float(away.mean()), "cm", 0.2),
+        record(f"{label}: directions of the cameras, mean", float(np.degrees(angle).mean()), "deg", 0.2),
+    ]
+    return [*figures, *scored(label, {"scan": replace(found, vertices=placed(found.vertices))}, actor, lift)]
+
+
+def scored(label: str, scans: dict[str, Scan], actor: Character, lift: np.ndarray) -> list[Figure]:
+    """Distances between surfaces, and the joints that `rig` finds in the last of them."""
+    vertices, faces, figures = np.asarray(actor.vertices, float), np.asarray(actor.faces), []
+    for name, one in scans.items():
         both = apart(one, vertices + lift, faces)
         for way, distances in zip(("to the truth", "from the truth"), both, strict=True):
             figures.append(record(f"{label}: {name} {way}, mean", 1000 * float(distances.mean()), "mm", 0.1))
             figures.append(record(f"{label}: {name} {way}, p95", 1000 * float(np.quantile(distances, 0.95)), "mm", 0.1))
+    found = list(scans.values())[-1]
     try:
         made = rig((found.vertices, found.faces), units="m", anew=True)
     except InputError as error:
@@ -101,6 +147,14 @@ def standing(folder: Path) -> list[Figure]:
         label = f"real, {used.sum()} views: overlap with the masks left out"
         figures.append(record(f"{label}, mean", float(overlap.mean()), "%", 0.01, "higher"))
         figures.append(record(f"{label}, worst", float(overlap.min()), "%", 0.01, "higher"))
+    begin = time.perf_counter()
+    _, alone = read_views(folder / "pictures", height=STANDING_HEIGHT, say=print)
+    found, label = reconstruct(alone), "real, 20 pictures alone"
+    figures.append(record(f"{label}: seconds", time.perf_counter() - begin, "s", 0.5))
+    _, views = read_views(folder / "pictures", None, folder / "masks", STANDING_HEIGHT)  # these cameras, others' masks
+    placed = align_cameras(alone.cam_from_world, views.cam_from_world)(found.vertices)
+    overlap = 100 * overlaps(placed, found.faces, views)
+    figures.append(record(f"{label}: overlap with others' masks, mean", float(overlap.mean()), "%", 0.01, "higher"))
     return figures
 
 
@@ -108,10 +162,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--views", type=int, nargs="*", default=[8, 20, 40])
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--walk", action="store_true")
     parser.add_argument("--standing", type=Path)
     add_options(parser)
     options = parser.parse_args()
     figures = [figure for views in options.views for figure in synthetic(views, options.seed)]
+    if options.walk:
+        figures += walk(options.seed)
     if options.standing:
         figures += standing(options.standing)
     return finish(figures, options, seed=options.seed)

@@ -64,6 +64,14 @@ def run_videos(
             help_behavior_hint="(default: a body is made to measure)",
         ),
     ] = None,
+    scan: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="VIDEO|DIR",
+            help="A video once around the person, who stands still, or pictures: the actor is made of it.",
+            help_behavior_hint="",
+        ),
+    ] = None,
     person: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
@@ -113,6 +121,7 @@ def run_videos(
             frames=open_span(frames) or (0, None),
             quality=quality,
             actor=actor,
+            scan=scan,
             person=_pixels(person),
             weights=weights,
             keypoints=keypoints,

@@ -1,4 +1,4 @@
-"""`jaxmocap scan`: pictures of a standing person become an actor."""
+"""`jaxmocap scan`: a walk around a standing person, or pictures from all around, become an actor."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,8 +7,8 @@ import tyro
 
 from jaxmocap._results import InputError
 
-from ._arguments import Json
-from ._output import say, show, write_png
+from ._arguments import Json, Seed
+from ._output import progress, say, show, write_png
 from ._rig import refuse_unusable
 
 
@@ -16,17 +16,21 @@ def scan(
     pictures: Annotated[
         Path,
         tyro.conf.Positional,
-        tyro.conf.arg(metavar="DIR", help="Pictures of a person who stands still, from all around, JPEG or PNG."),
-    ],
-    cameras: Annotated[
-        Path,
         tyro.conf.arg(
-            metavar="PATH",
-            help="Their cameras: a COLMAP model whose images have the pictures' names, or a calibration of static "
-            "cameras with these names.",
+            metavar="VIDEO|DIR",
+            help="A video once around a person who stands still, or a folder of pictures from all around, JPEG or PNG.",
         ),
     ],
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.glb", help="New file for the actor.")],
+    cameras: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="PATH",
+            help="The pictures' cameras: a COLMAP model whose images have the pictures' names, or a calibration of "
+            "static cameras with these names.",
+            help_behavior_hint="(default: found, by what the pictures show)",
+        ),
+    ] = None,
     masks: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -40,10 +44,25 @@ def scan(
         float | None,
         tyro.conf.arg(
             metavar="METRES",
-            help="How tall the person is; needed where the masks are found.",
+            help="How tall the person is; needed but where masks and cameras in metres are given.",
             help_behavior_hint="(default: the cameras are in metres)",
         ),
     ] = None,
+    focal: Annotated[
+        float | None,
+        tyro.conf.arg(
+            metavar="PIXELS", help="Focal length of the pictures, if known.", help_behavior_hint="(default: found)"
+        ),
+    ] = None,
+    weights: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="PATH",
+            help="The detector's networks, for a machine without a network.",
+            help_behavior_hint="(default: downloaded once)",
+        ),
+    ] = None,
+    seed: Seed = 0,
     picture: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -54,14 +73,27 @@ def scan(
     ] = None,
     json: Json = False,
 ) -> int:
-    """Scan a standing person from pictures all around, for `--actor` or capture.toml."""
+    """Scan a standing person from a walk around or pictures, for `--actor` or capture.toml."""
     refuse_unusable(out)
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture is {picture}; a file name that ends in .png was expected.")
 
     from jaxmocap.pipeline import scan as scan_pictures
 
-    made = scan_pictures(pictures, out, cameras=cameras, masks=masks, height=height, num_faces=triangles, say=say)
+    with progress() as report:
+        made = scan_pictures(
+            pictures,
+            out,
+            cameras=cameras,
+            masks=masks,
+            height=height,
+            focal=focal,
+            weights=weights,
+            num_faces=triangles,
+            seed=seed,
+            say=say,
+            progress=report,
+        )
     if picture is not None:
         from jaxmocap.viewers import draw_character
 

@@ -24,7 +24,9 @@ Report = Callable[[str, int, int], None]
 
 CONFIDENT = 0.3  # keypoints of less do not count
 _MARGIN = 1.0  # seconds before and after the shared frames, so that `offset` may still be corrected
-_USUAL = 0.9  # of the longer side: phones filming are between 0.7 and 1.2
+PHONE_FOCAL = 0.9
+"""Focal length of a phone that films, as a share of the longer side of its pictures: between 0.7 and 1.2."""
+
 _FULL_FRAME_DIAGONAL = 43.27  # millimetres
 _KEY = re.compile(r"focal_?length.*35_?mm", re.IGNORECASE)
 _NUMBER = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(?:mm)?\s*$")
@@ -208,7 +210,7 @@ def keypoints_of(capture: Capture, most: int = 30) -> dict[int, np.ndarray]:
 
 def usual_focal(path: Path, size: tuple[int, int]) -> float:
     """Guess a focal length in pixels: what the video tells of it, else that of phones."""
-    return told_focal(path, size) or _USUAL * max(size)
+    return told_focal(path, size) or PHONE_FOCAL * max(size)
 
 
 def told_focal(path: Path, size: tuple[int, int]) -> float | None:

@@ -14,7 +14,7 @@ from ._matching import best_pairs_across
 
 _TRIALS = 4  # initial pairs
 _ENOUGH = 0.6  # of the key frames of every camera
-_FOCAL_RANGE = (0.3, 6.0)  # times the longer side of the image
+FOCAL_RANGE = (0.3, 6.0)  # times the longer side of the image
 _LOSS_SCALE = 1.0  # pixels at a width of 960
 _LARGEST_RESIDUAL = 2.0
 _SMALLEST_ANGLE = 1.0  # degrees between the rays of a point
@@ -47,7 +47,7 @@ def _worth(footage: Footage, model: pycolmap.Reconstruction) -> float:
         if camera + 1 not in model.cameras:
             return 0.0
         focal = model.cameras[camera + 1].params[0] / max(video.size)
-        if not _FOCAL_RANGE[0] < focal < _FOCAL_RANGE[1]:
+        if not FOCAL_RANGE[0] < focal < FOCAL_RANGE[1]:
             return 0.0
         count = sum(image.has_pose and image.camera_id == camera + 1 for image in model.images.values())
         shares.append(count / len(footage.key_frames(camera)))
@@ -62,7 +62,7 @@ def _map(
     options.random_seed, options.num_threads = footage.seed, footage.threads
     options.extract_colors = options.multiple_models = False
     options.min_model_size = 4
-    options.min_focal_length_ratio, options.max_focal_length_ratio = _FOCAL_RANGE
+    options.min_focal_length_ratio, options.max_focal_length_ratio = FOCAL_RANGE
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = not footage.focal_known
     options.mapper.init_min_tri_angle = 4.0  # two handheld cameras may stand close together
     if start is not None:

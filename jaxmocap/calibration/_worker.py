@@ -3,8 +3,8 @@
 `python -m jaxmocap.calibration._worker reconstruct FOLDER` reads `FOLDER/job.json`, writes `FOLDER/model` (COLMAP,
 binary) and `FOLDER/result.npz`, and reports progress as JSON lines on standard output. Exit code 2 with a line
 `{"error": ...}` means that the footage cannot be used. `static` does the same for cameras that stand still, from the
-person's keypoints in `FOLDER/person.npz`. `transform` then moves the model into the metric world. For the
-refinement of a finished model, `tracks` reads out its tracks and `poses` replaces its poses.
+person's keypoints in `FOLDER/person.npz`, and `pictures` for single pictures. `transform` then moves the model into the
+metric world. For the refinement of a finished model, `tracks` reads out its tracks and `poses` replaces its poses.
 """
 
 import json
@@ -20,6 +20,7 @@ from jaxmocap._results import InputError
 from ._footage import Footage, Report
 from ._mapping import adjust, map_key_frames, median_depth, observations
 from ._matching import match_key_frames
+from ._picture_worker import map_pictures
 from ._registration import Model, place_other_frames
 from ._static_worker import reconstruct_static
 from ._trajectory import Repairs, path_of, refuse_motionless, remove_outliers, repair
@@ -172,13 +173,16 @@ def _report(stage: str, done: int, total: int) -> None:
 
 
 def main(task: str, folder: Path) -> int:
-    """Do the task, `reconstruct`, `static` or one of the short ones, in `folder`; return the exit code."""
+    """Do the task, `reconstruct`, `static`, `pictures` or one of the short ones, in `folder`; return the exit code."""
     pycolmap.logging.minloglevel = 2
     if task in _SHORT:
         _SHORT[task](folder)
         return 0
-    footage = Footage.from_file(folder / "job.json")
     try:
+        if task == "pictures":
+            map_pictures(folder, _report)
+            return 0
+        footage = Footage.from_file(folder / "job.json")
         if task == "static":
             reconstruct_static(footage, folder, _report)
         else:

@@ -45,6 +45,7 @@ def run(
     frames: tuple[int, int | None] = (0, None),
     quality: Quality = "normal",
     actor: str | Path | None = None,
+    scan: str | Path | None = None,
     person: Mapping[str, tuple[float, float]] | None = None,
     weights: str | Path | None = None,
     keypoints: str | Path | None = None,
@@ -64,10 +65,12 @@ def run(
 
     `height` is the person's, `camera_distance` that of the first two cameras at their first shared frame, both in
     metres; one of them, or an `actor` (a scan or a character), tells the scale. `focal` lengths in pixels, by camera,
-    are kept. `frames` (A, B) are A to B - 1 of the shared ones; None is the end. `person` are pixels on the
-    person in the first picture, by camera; `weights` a detector's networks; `keypoints` a folder of another detector's
-    files; `static` says that all cameras stand still, whatever the background says. With `detections` keypoints count
-    beside the pixels while tracking. With one video the camera is taken to stand still and level.
+    are kept. `scan` is a video once around the person, who stands still, or pictures from all around, of which the
+    actor is made; it needs the height. `frames` (A, B) are A to B - 1 of the shared ones; None is the end. `person` are
+    pixels on the person in the first picture, by camera; `weights` a detector's networks; `keypoints` a folder of
+    another detector's files; `static` says that all cameras stand still, whatever the background says. With
+    `detections` keypoints count beside the pixels while tracking. With one video the camera is taken to stand still and
+    level.
 
     `plan` is told first what will be done, `say` what is assumed. Raises `InputError` for what cannot be used, before
     anything is done where that can be known, else naming the stage; what the stages before it made stays.
@@ -79,6 +82,7 @@ def run(
         frames=frames,
         quality=quality,
         actor=_path(actor),
+        scan=_path(scan),
         person=dict(person or {}),
         weights=_path(weights),
         keypoints=_path(keypoints),

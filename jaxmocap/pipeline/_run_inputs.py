@@ -81,7 +81,7 @@ class RunInputs:
     def of_calibrate(self) -> Any:
         """List what cameras are made of."""
         options = self.options
-        size = path_hash(options.actor) if options.actor and not (options.height or options.camera_distance) else None
+        size = self.of_body() if (options.actor or options.scan) and options.camera_distance is None else None
         told = [options.height, options.camera_distance, sorted(options.focal.items()), options.static, options.seed]
         return [self.videos, self.offsets(), self.hash_of("keypoints"), size, told, self.lost_in_span()]
 
@@ -110,6 +110,8 @@ class RunInputs:
         """List what the body is made of."""
         if self.options.actor is not None:
             return path_hash(self.options.actor)
+        if self.options.scan is not None:
+            return [path_hash(self.options.scan), self.options.height, self.options.seed]
         return [self.seen(), self.options.height, self.options.seed]
 
     def seen(self) -> Any:

@@ -22,6 +22,7 @@ class RunOptions:
         frames: (first, behind the last) of the shared frames to track; None for the end.
         quality: preset of the tracker.
         actor: the person's mesh or character; None: the built-in body is made to measure.
+        scan: a video once around the person, or pictures from all around, that an actor is made of (`pipeline.scan`).
         person: pixel on the person in the first picture, by camera.
         weights: a detector's networks, for a machine without a network.
         keypoints: folder of a detector's files, instead of looking for the person.
@@ -36,6 +37,7 @@ class RunOptions:
     frames: tuple[int, int | None] = (0, None)
     quality: Quality = "normal"
     actor: Path | None = None
+    scan: Path | None = None
     person: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     weights: Path | None = None
     keypoints: Path | None = None
@@ -67,7 +69,12 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
         )
     if options.height is not None:
         check_height(options.height)
-    for what, path in (("actor", options.actor), ("weights", options.weights), ("keypoints", options.keypoints)):
+    if options.scan is not None and options.actor is not None:
+        raise InputError("--scan and --actor are given, and either is the person's body; leave one of them out")
+    if options.scan is not None and options.height is None:
+        raise InputError("--scan does not tell how large the person is; say how tall with --height METRES")
+    for what in ("actor", "scan", "weights", "keypoints"):
+        path = getattr(options, what)
         if path is not None and not path.exists():
             raise InputError(f"--{what} {path} does not exist")
     if options.keypoints is None:

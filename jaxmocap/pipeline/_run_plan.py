@@ -11,6 +11,7 @@ State = Literal["to do", "again", "done", "given"]
 
 _PER_PICTURE = {"synchronise": 0.05, "detect": 0.15, "calibrate": 0.5}
 _ONCE = {"capture": 1.0, "calibrate": 20.0, "body": 120.0, "selected frames": 2.0, "track": 90.0}
+_SCAN = 300.0
 _PER_TRACKED = {"draft": 1.0, "normal": 2.0, "paper": 20.0}
 """Seconds, measured on two cores with pictures of 960 x 540."""
 
@@ -88,6 +89,8 @@ def _estimate(work: RunWork, stage: Stage) -> float:
         return 1.0
     if stage.name == "body" and work.options.actor is not None:
         return 5.0
+    if stage.name == "body" and work.options.scan is not None:
+        return _SCAN
     return seconds + (tracked * len(counts) * _PER_TRACKED[work.options.quality] if stage.name == "track" else 0.0)
 
 

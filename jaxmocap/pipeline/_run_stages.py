@@ -71,15 +71,17 @@ def stages_of(work: RunWork) -> list[Stage]:
         if work.several
         else f"give a camera of your own (jaxmocap cameras {work.folder} --from FILE)",
     )
+    own = work.options.actor or work.options.scan
+    make = "scan the person" if work.options.scan else "make a body to the person's measure"
     body = Stage(
         "body",
-        "take the actor" if work.options.actor else "make a body to the person's measure",
+        "take the actor" if work.options.actor else make,
         "actor",
         work.of_body,
         work.body,
         "give a scan or a character of the person with --actor FILE",
     )
-    middle = [body, detect, calibrate] if work.options.actor else [detect, calibrate, body]  # bones tell the scale
+    middle = [body, detect, calibrate] if own else [detect, calibrate, body]  # bones tell the scale
     found += [
         *middle,
         Stage(

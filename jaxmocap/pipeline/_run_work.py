@@ -22,6 +22,7 @@ from ._defaults import with_selected_frames
 from ._detect import DETECTION_REPORT, detect
 from ._made_to_measure import character_of
 from ._run_inputs import RunInputs
+from ._scan import scan
 from ._synchronise import sync
 from ._synchronise_by_person import sync_by_person
 from ._track_capture import track_capture
@@ -171,10 +172,13 @@ class RunWork(RunInputs):
         return folder.name
 
     def body(self) -> Any:
-        """Take the actor, or make a body to the person's measure."""
+        """Take the actor, make one of a walk around the person, or make a body to the person's measure."""
         options = self.options
         if options.actor is not None:
             character = open_actor(options.actor, self.say)
+        elif options.scan is not None:
+            told = {"height": options.height, "seed": options.seed, "say": self.say, "progress": self.progress}
+            character = scan(options.scan, weights=options.weights, **told).rigged.character
         else:
             key = jax.random.key(options.seed)
             capture = replace(self._open(), actor=None)

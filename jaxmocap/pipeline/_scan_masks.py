@@ -1,10 +1,11 @@
-"""The person's outlines in single pictures: detected, then cut out around the built-in body."""
+"""The person in single pictures: detected, measured, and cut out around the built-in body."""
 
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from json import dumps
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import jax
@@ -12,44 +13,137 @@ import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
-from jaxmocap.camera import Cameras, write_cameras
-from jaxmocap.capture import Capture
+from jaxmocap.calibration import PARTS_OF_HEIGHT, SubjectView, fit_scale, triangulate_views
+from jaxmocap.camera import Cameras, look_at_point, write_cameras
+from jaxmocap.capture import Capture, Undistortion
 
 from ._defaults import with_person_masks
 from ._detect import detect
 from ._made_to_measure import character_of
 
 Say = Callable[[str], None]
+Report = Callable[[str, int, int], None]
+
+MOVED = 0.06
+"""Metres that joints of a person who stands still may lie from where all pictures put them, in the median."""
+
+_USUAL_DISTANCE = 2.5  # metres from camera to person, until the person tells the scale
+_CONFIDENT = 0.3
+
+
+class Outlines(NamedTuple):
+    """The person in pictures: masks without distortion, and the cameras in metres, as the person's height says."""
+
+    masks: Bool[np.ndarray, "view height width"]
+    cameras: Cameras
 
 
 def find_outlines(
-    files: Sequence[Path], cameras: Cameras, height: float, key: PRNGKeyArray, say: Say | None = None
-) -> Bool[np.ndarray, "view height width"]:
-    """Find the person in pictures that show one moment, as masks without distortion.
+    files: Sequence[Path],
+    cameras: Cameras,
+    height: float,
+    key: PRNGKeyArray,
+    weights: str | Path | None = None,
+    say: Say = lambda sentence: None,
+    progress: Report = lambda stage, done, total: None,
+) -> Outlines:
+    """Find the person in pictures of one moment, or of somebody who stands still.
 
-    The pictures become the cameras of a capture of one frame: a detector finds keypoints, the built-in body, `height`
-    metres tall, is registered to them, and colours decide along its outline. `cameras` are in metres.
-    Raises `InputError` where the detector cannot be had or finds nobody.
+    The pictures become the cameras of a capture of one frame: a detector finds keypoints, whose bones tell the scale of
+    the cameras' world from the person's `height` in metres; the built-in body is registered to them, and colours decide
+    along its outline. Raises `InputError` where the detector cannot be had or finds nobody, and where the person moved.
     """
-    tell = say or (lambda sentence: None)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for file in files:
             (folder / file.name).write_bytes(file.read_bytes())
-        write_cameras(replace(cameras, cam_from_world=_upright(cameras)), folder / "cameras.toml", "aniposelib")
-        sections = [f"\n[[camera]]\nname = {dumps(file.stem)}\nvideo = {dumps(file.name)}\n" for file in files]
-        head = 'name = "scan"\nfps = 25\nframes = 1\nunits = "metres"\nup = "y"\ncameras = "cameras.toml"\n'
-        (folder / "capture.toml").write_text(head + "selected_frames = [0]\n" + "".join(sections), encoding="utf-8")
-        detect(folder, say=tell)
+        upright = replace(cameras, cam_from_world=_upright(cameras))
+        poses = np.asarray(upright.cam_from_world, np.float64)[:, 0]
+        upright = _scaled(upright, _USUAL_DISTANCE / _distance(poses))
+        _write_capture(folder, files, upright)
+        detect(folder, weights=weights, say=say, progress=progress)
+        upright = _scaled(upright, person_scale(upright, _keypoints(Capture.open(folder)), height))
+        _write_capture(folder, files, upright)
         capture = Capture.open(folder)
-        character = character_of(capture, height=height, key=key).character
-        tell("The masks are found: the person is detected, and cut out around the built-in body.")
-        complete, _ = with_person_masks(capture, character, key=key)
+        character = character_of(capture, height=height, key=key, progress=progress).character
+        say("The masks are found: the person is detected, and cut out around the built-in body.")
+        complete, _ = with_person_masks(capture, character, key=key, progress=progress)
         masks = [complete.mask(camera, 0) for camera in range(len(files))]
     for file, mask in zip(files, masks, strict=True):
         if mask is None or not mask.any():
-            raise InputError(f"nobody is found in {file}; take the picture out, or give masks with --masks.")
-    return np.stack([_enlarged(mask, size) for mask, size in zip(masks, cameras.sizes, strict=True)])
+            raise InputError(f"nobody is found in {file.name}; take the picture out, or give masks with --masks.")
+    found = np.stack([_enlarged(mask, size) for mask, size in zip(masks, cameras.sizes, strict=True)])
+    return Outlines(found, upright)
+
+
+def _write_capture(folder: Path, files: Sequence[Path], cameras: Cameras) -> None:
+    """Write cameras and, once, `capture.toml`, to which detection adds the keypoints."""
+    write_cameras(cameras, folder / "cameras.toml", "aniposelib")
+    if (folder / "capture.toml").exists():
+        return
+    sections = [f"\n[[camera]]\nname = {dumps(file.stem)}\nvideo = {dumps(file.name)}\n" for file in files]
+    head = 'name = "scan"\nfps = 25\nframes = 1\nunits = "metres"\nup = "y"\ncameras = "cameras.toml"\n'
+    (folder / "capture.toml").write_text(head + "selected_frames = [0]\n" + "".join(sections), encoding="utf-8")
+
+
+def person_scale(cameras: Cameras, keypoints: Float[np.ndarray, "view 25 3"], height: float) -> float:
+    """Measure metres per unit of the cameras' world by the bones of a person of this height, from keypoints (BODY_25,
+    pixels without distortion).
+
+    Raises `InputError` where two views do not show enough of them, and for a person who moved from view to view.
+    """
+    intrinsics = np.asarray(cameras.intrinsics, np.float64)
+    view = SubjectView(intrinsics, np.asarray(cameras.cam_from_world, np.float64)[:, 0], keypoints)
+    lengths = {name: part * height for name, part in PARTS_OF_HEIGHT.items()}
+    scale = fit_scale([view], lengths, "height", max(cameras.sizes[0]))
+    if scale is None:
+        raise InputError(
+            "the person's arms and legs are not seen well enough in two pictures to tell the size; show the whole "
+            "person, arms a little away, or give cameras in metres and masks."
+        )
+    moved = scale.metres_per_unit * _apart(view)
+    if moved > MOVED:
+        raise InputError(
+            f"the person did not stand still: joints are {100 * moved:.0f} cm in the median from where all pictures "
+            "together put them; stand still with arms a little away from the body while the camera goes around."
+        )
+    return scale.metres_per_unit
+
+
+def _keypoints(capture: Capture) -> Float[np.ndarray, "view 25 3"]:
+    """Read the keypoints of a capture of one frame, distortion taken out; confidence 0 where there are none."""
+    recorded = capture.as_recorded()
+    cameras, keypoints = recorded.cameras, np.zeros((recorded.num_cameras, 25, 3))
+    for number, size in enumerate(recorded.sizes):
+        found = recorded.keypoints(number, 0)
+        if found is not None:
+            lens = Undistortion(np.asarray(cameras.intrinsics)[number], np.asarray(cameras.distortion)[number], size)
+            keypoints[number] = found
+            keypoints[number, :, :2] = lens.points(found[:, :2])
+    return keypoints
+
+
+def _apart(view: SubjectView) -> float:
+    """Measure how far the rays of keypoints pass from where all views put the joint, in the median."""
+    points = triangulate_views(view)
+    distances = []
+    for intrinsics, pose, found in zip(view.intrinsics, view.cam_from_world, view.keypoints, strict=True):
+        known = np.isfinite(points).all(-1) & (found[:, 2] >= _CONFIDENT)
+        local = points[known] @ pose[:3, :3].T + pose[:3, 3]
+        image = local @ intrinsics.T
+        off = image[:, :2] / image[:, 2:] - found[known, :2]
+        distances.append(np.linalg.norm(off, axis=-1) * local[:, 2] / intrinsics[0, 0])
+    return float(np.median(np.concatenate(distances)))
+
+
+def _distance(poses: Float[np.ndarray, "view 4 4"]) -> float:
+    """Measure the distance from the cameras to what they all look at, in the median."""
+    centres = -np.einsum("vji,vj->vi", poses[:, :3, :3], poses[:, :3, 3])
+    return float(np.median(np.linalg.norm(centres - look_at_point(poses), axis=-1)))
+
+
+def _scaled(cameras: Cameras, factor: float) -> Cameras:
+    return replace(cameras, cam_from_world=cameras.cam_from_world.at[..., :3, 3].multiply(factor))
 
 
 def _enlarged(mask: Bool[np.ndarray, "_ _"], size: tuple[int, int]) -> Bool[np.ndarray, "height width"]:

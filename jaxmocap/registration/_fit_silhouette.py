@@ -1,13 +1,13 @@
 """Fit a posed mesh to the masks of one frame: contours, silhouettes, and views against each other."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from jaxmocap.character import Character, Pose, retract
+from jaxmocap.character import Character, Pose, retract, skin
 from jaxmocap.energies import ContourSettings, LandmarkRays, SearchEnergy, Silhouette, contour_lines
 from jaxmocap.observation import FrameProblem, draw
 from jaxmocap.refinement import (
@@ -22,6 +22,11 @@ from jaxmocap.refinement import (
 from jaxmocap.refiners import AbstractRefiner, Shooting
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
 from jaxmocap.search import Stage, group_searches
+
+NEAREST = 4
+"""Other views that a view is held against, those nearest in direction: from farther off the surface looks otherwise."""
+
+_MOST_ROWS = 16_000
 
 
 @dataclass(frozen=True)
@@ -123,16 +128,28 @@ def fit_between_views(
     settings: RegistrationSettings,
     fixed: list[int],
 ) -> Pose:
-    """Fit contours to the masks and, over the surface, every view to every other."""
-    cameras, weight = range(problem.num_cameras), character.skeleton.per_dof(root=0.2, angles=0.8)
+    """Fit contours to the masks and, over the surface, every view to the `NEAREST` others."""
+    weight = character.skeleton.per_dof(root=0.2, angles=0.8)
+    near = _nearest_views(np.asarray(problem.cam_from_world), np.asarray(skin(character, pose)).mean(0))
+    flow = FlowSettings()
+    flow = replace(flow, samples=min(flow.samples, _MOST_ROWS // max(sum(map(len, near)), 1)))
     for _ in range(settings.view_flow):
         vertices, ids, inverse = draw(character, pose, problem)
         host_ids = np.asarray(ids)
         pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
         views = same_time_sources(pictures, problem, vertices, host_ids)
-        sources = [[views[n] for n in cameras if n != m] for m in cameras]
-        flows = surface_flow(character, vertices, ids, crops, problem, sources, FlowSettings())
+        sources = [[views[n] for n in others] for others in near]
+        flows = surface_flow(character, vertices, ids, crops, problem, sources, flow)
         contours = contour_lines(vertices, character.faces, ids, inverse, problem, _mask_contours(12))
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
         pose = _moved(character, pose, rows, landmarks, weight, settings, fixed)
     return pose
+
+
+def _nearest_views(cam_from_world: Float[np.ndarray, "camera 4 4"], point: Float[np.ndarray, "3"]) -> list[list[int]]:
+    """List of every camera the `NEAREST` others by direction, seen from a point; in the order of the cameras."""
+    local = np.einsum("cij,j->ci", cam_from_world[:, :3, :3], point) + cam_from_world[:, :3, 3]
+    towards = -np.einsum("cji,cj->ci", cam_from_world[:, :3, :3], local)
+    towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    order = np.argsort(-(towards @ towards.T), axis=1, kind="stable")
+    return [sorted([int(n) for n in row if n != camera][:NEAREST]) for camera, row in enumerate(order)]

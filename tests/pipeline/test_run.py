@@ -77,6 +77,10 @@ def done(monkeypatch, motion) -> list[str]:
         names.append("body")
         return SimpleNamespace(character=body(options["height"]))
 
+    def scan(video, **options):
+        names.append("scan")
+        return SimpleNamespace(rigged=SimpleNamespace(character=body(options["height"])))
+
     def select(capture, within):
         names.append("selected frames")
         return capture, {"frames": [0, 2], "reason": "they are good"}
@@ -90,7 +94,7 @@ def done(monkeypatch, motion) -> list[str]:
 
     stand_ins = {
         "sync": sync, "detect": detect, "calibrate": calibrate, "character_of": character_of,
-        "with_selected_frames": select, "track_capture": track_capture,
+        "with_selected_frames": select, "track_capture": track_capture, "scan": scan,
     }  # fmt: skip
     for name, stand_in in stand_ins.items():
         monkeypatch.setattr(_run_work, name, stand_in)
@@ -209,6 +213,17 @@ def test_an_actor_comes_first_for_its_bones_tell_the_scale(videos, done, tmp_pat
     assert (tmp_path / "dance" / "capture" / "actor.glb").read_bytes() == actor.read_bytes()
 
 
+def test_a_walk_around_the_person_becomes_the_actor_and_is_made_again_when_it_changes(videos, done, tmp_path):
+    walk = make_video(tmp_path / "walk.mp4")
+    _, names = again(videos, tmp_path / "dance", scan=walk)
+    assert names == ["capture", "synchronise", "body", "detect", "calibrate", "selected frames", "track"]
+    assert "scan" in done
+    assert "body" not in done
+    assert again(videos, tmp_path / "dance", scan=walk)[1] == []
+    make_video(walk, size=(48, 64))
+    assert list(run(videos, tmp_path / "dance", height=1.8, scan=walk).seconds)[:2] == ["body", "calibrate"]
+
+
 def test_one_video_is_not_synchronised_and_has_a_camera_that_stands_still(videos, done, tmp_path):
     said: list[str] = []
     run(videos[:1], tmp_path / "dance", height=1.8, focal={"left": 70.0}, say=said.append)
@@ -230,6 +245,9 @@ def test_one_video_is_not_synchronised_and_has_a_camera_that_stands_still(videos
         ({"height": None}, "videos alone do not tell .* --height METRES"),
         ({"actor": "nobody.obj"}, "--actor nobody.obj does not exist"),
         ({"keypoints": "nothing"}, "--keypoints nothing does not exist"),
+        ({"scan": "nowhere.mp4"}, "--scan nowhere.mp4 does not exist"),
+        ({"scan": "walk.mp4", "actor": "me.glb"}, "--scan and --actor are given"),
+        ({"scan": "walk.mp4", "height": None, "camera_distance": 2.0}, "--scan does not tell how large the person is"),
     ],
 )
 def test_what_cannot_work_is_refused_before_anything_is_done(options, words, videos, done, tmp_path):

@@ -9,7 +9,7 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, write_cameras
 from jaxmocap.geometry import face_components
 from jaxmocap.pipeline import scan
-from jaxmocap.pipeline._scan import read_views
+from jaxmocap.pipeline._scan_views import read_views
 from jaxmocap.scan import Views, overlaps, reconstruct, visual_hull
 
 SIZE, FOCAL, AWAY, RADIUS = 160, 150.0, 1.0, 0.3
@@ -147,5 +147,5 @@ def test_what_is_wrong_with_the_files_is_said(folder):
         scanned(folder, masks=None)
     with pytest.raises(InputError, match="view9"):
         scanned(folder)
-    with pytest.raises(InputError, match="is not a folder"):
+    with pytest.raises(InputError, match="does not exist; give a video, or the folder"):
         scan(folder / "nowhere", cameras=folder / "cameras.toml", masks=folder / "masks")

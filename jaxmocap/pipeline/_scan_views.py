@@ -1,0 +1,167 @@
+"""What a scan looks at: pictures of a standing person, their cameras and masks, given or found."""
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from jaxmocap._results import InputError
+from jaxmocap.calibration import PHONE_FOCAL, calibrate_pictures
+from jaxmocap.camera import Cameras, look_at_point, read_picture_cameras
+from jaxmocap.capture import Undistortion
+from jaxmocap.rigging import check_height
+from jaxmocap.scan import Views, person_place
+
+from ._scan_frames import frames_of_walk
+from ._scan_masks import find_outlines
+
+PICTURES = (".jpg", ".jpeg", ".png")
+WIDEST_GAP = 110.0
+"""Degrees around the person without a picture, from which on there is no scan: what no outline cuts stays."""
+
+Say = Callable[[str], None]
+Report = Callable[[str, int, int], None]
+
+
+def read_views(
+    pictures: str | Path,
+    cameras: str | Path | None = None,
+    masks: str | Path | None = None,
+    height: float | None = None,
+    *,
+    focal: float | None = None,
+    weights: str | Path | None = None,
+    seed: int = 0,
+    say: Say = lambda sentence: None,
+    progress: Report = lambda stage, done, total: None,
+) -> tuple[tuple[str, ...], Views]:
+    """Read the views and their names, as `scan` says, and find cameras and masks where none are given."""
+    pictures = Path(pictures)
+    filmed = pictures.is_file()
+    _refuse_options(pictures, cameras, masks, height, focal)
+    with tempfile.TemporaryDirectory() as place:
+        if filmed:
+            files, guess = frames_of_walk(pictures, Path(place), progress=progress)
+        else:
+            files, guess = _pictures(pictures), None
+        images = {file: _read(file) for file in files}
+        sizes = {(image.shape[1], image.shape[0]) for image in images.values()}
+        if len(sizes) > 1:
+            raise InputError(
+                f"the pictures in {pictures} have {len(sizes)} sizes ({_sizes(sizes)}); give those of one."
+            )
+        size = next(iter(sizes))
+        if cameras is None:
+            guess = focal or guess or PHONE_FOCAL * max(size)
+            options = {"guess": guess, "focal": focal, "in_order": filmed, "seed": seed, "progress": progress}
+            placed = calibrate_pictures(files, size, **options)
+            if placed.left_out:
+                say(f"{', '.join(placed.left_out)} could not be placed among the others, and are left out.")
+            known, files = placed.cameras, [file for file in files if file.name in placed.names]
+            _refuse_open_lap(pictures, known)
+        else:
+            names = [file.name for file in files]
+            known = read_picture_cameras(Path(cameras), names, size, any_scale=height is not None)
+        if masks is None:
+            assert height is not None
+            shown, known = find_outlines(files, known, height, jax.random.key(seed), weights, say, progress)
+    lenses = [
+        Undistortion(np.asarray(k), np.asarray(d), one)
+        for k, d, one in zip(known.intrinsics, known.distortion, known.sizes, strict=True)
+    ]
+    grey = np.stack([lens.image(images[file]) for lens, file in zip(lenses, files, strict=True)])
+    if masks is not None:
+        drawn = [_mask(Path(masks), file, images[file].shape) for file in files]
+        shown = np.stack([lens.mask(mask) for lens, mask in zip(lenses, drawn, strict=True)])
+    views = Views(grey, shown, np.asarray(known.intrinsics), np.array(known.cam_from_world[:, 0]))
+    if masks is not None and height is not None:
+        views.cam_from_world[:, :3, 3] *= height / person_place(views)[1]
+    return tuple(file.stem for file in files), views
+
+
+def widest_gap(cam_from_world: Float[np.ndarray, "view 4 4"]) -> float:
+    """Measure the widest gap between the directions of cameras around what they look at, degrees."""
+    poses = np.asarray(cam_from_world, np.float64)
+    centres = -np.einsum("vji,vj->vi", poses[:, :3, :3], poses[:, :3, 3]) - look_at_point(poses)
+    up = -poses[:, 1, :3].mean(0)
+    up = up / np.linalg.norm(up)
+    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    side = side / np.linalg.norm(side)
+    angles = np.sort(np.degrees(np.arctan2(centres @ np.cross(up, side), centres @ side)))
+    return float(np.max(np.diff(np.append(angles, angles[0] + 360))))
+
+
+def _refuse_open_lap(pictures: Path, known: Cameras) -> None:
+    gap = widest_gap(np.asarray(known.cam_from_world)[:, 0])
+    if gap > WIDEST_GAP:
+        raise InputError(
+            f"{pictures} leaves {gap:.0f} degrees around the person unseen, {WIDEST_GAP:.0f} at most are allowed: go "
+            "once all around, at the same distance."
+        )
+
+
+def _refuse_options(
+    pictures: Path, cameras: str | Path | None, masks: str | Path | None, height: float | None, focal: float | None
+) -> None:
+    if height is not None:
+        check_height(height)
+    elif masks is None:
+        raise InputError("masks are found around a body of the person's height; say it with --height, or give --masks.")
+    elif cameras is None:
+        raise InputError("pictures alone do not tell how large anything is: say how tall the person is with --height.")
+    if pictures.is_file() and (cameras is not None or masks is not None):
+        given = "--cameras" if cameras is not None else "--masks"
+        raise InputError(f"{given} goes with a folder of pictures, and {pictures} is a video; leave it out.")
+    if focal is not None and cameras is not None:
+        raise InputError("--focal is for pictures without cameras; leave it or --cameras out.")
+    if focal is not None and not 10 < focal < 1e5:
+        raise InputError(
+            f"--focal is {focal:g}; a focal length in pixels was expected, about the width of the pictures."
+        )
+
+
+def _pictures(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder} does not exist; give a video, or the folder of the pictures ({', '.join(PICTURES)})."
+        )
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in PICTURES)
+    if not files:
+        raise InputError(f"{folder} holds no pictures ({', '.join(PICTURES)}).")
+    stems = [file.stem for file in files]
+    for stem in stems:
+        if stems.count(stem) > 1:
+            raise InputError(f"{folder} holds {stem} as more than one kind of file; keep one.")
+    return files
+
+
+def _read(file: Path) -> UInt8[np.ndarray, "height width"]:
+    content = np.frombuffer(file.read_bytes(), np.uint8)
+    grey_as_stored = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION  # as COLMAP sees it
+    image = cv2.imdecode(content, grey_as_stored) if len(content) else None
+    if image is None:
+        raise InputError(f"{file} cannot be read as a picture; export it again as JPEG or PNG.")
+    return image
+
+
+def _mask(folder: Path, picture: Path, shape: tuple[int, int]) -> Bool[np.ndarray, "height width"]:
+    file = folder / f"{picture.stem}.png"
+    if not file.is_file():
+        raise InputError(f"{picture.name} has no mask; expected {file}, white where the person is.")
+    mask = _read(file) > 127
+    if mask.shape != shape:
+        raise InputError(
+            f"{file} is {mask.shape[1]}x{mask.shape[0]} pixels, but {picture.name} is {shape[1]}x{shape[0]}; masks "
+            "have the size of their pictures."
+        )
+    if not mask.any():
+        raise InputError(f"{file} is empty: it shows nobody; draw it again or take the picture out.")
+    return mask
+
+
+def _sizes(sizes: set[tuple[int, int]]) -> str:
+    return ", ".join(f"{width}x{height}" for width, height in sorted(sizes))

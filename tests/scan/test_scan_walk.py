@@ -1,0 +1,139 @@
+"""A walk around something that stands still: its frames, its cameras, its scale, and what is refused."""
+
+import cv2
+import jax
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jaxmocap._results import InputError
+from jaxmocap.calibration import PARTS_OF_HEIGHT
+from jaxmocap.camera import Cameras
+from jaxmocap.capture import KEYPOINT_NAMES
+from jaxmocap.pipeline import scan
+from jaxmocap.pipeline._scan_frames import frames_of_walk
+from jaxmocap.pipeline._scan_masks import person_scale
+from jaxmocap.pipeline._scan_views import widest_gap
+from jaxmocap.viewers import open_video
+
+SIZE, FOCAL, AWAY = (320, 240), 300.0, 3.0
+
+
+def around(angles: np.ndarray, height: float = 1.2) -> np.ndarray:
+    """cam_from_world of cameras around the y axis that look at a point one metre above the ground."""
+    poses = np.tile(np.eye(4), (len(angles), 1, 1))
+    for pose, angle in zip(poses, angles, strict=True):
+        centre = np.array([AWAY * np.cos(angle), height, AWAY * np.sin(angle)])
+        forward = np.array([0, 1.0, 0]) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 1.0, 0.0])
+        right /= np.linalg.norm(right)
+        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+        pose[:3, 3] = -pose[:3, :3] @ centre
+    return poses
+
+
+INTRINSICS = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]])
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    """Twenty-four frames of noise, of which every other one is blurred."""
+    rng, file = np.random.default_rng(0), tmp_path_factory.mktemp("video") / "walk.mp4"
+    with open_video(file, quality=10) as writer:
+        for number in range(24):
+            picture = rng.integers(0, 256, (120, 160, 3)).astype(np.uint8)
+            writer.write(number / 30, cv2.GaussianBlur(picture, (0, 0), 4.0 if number % 2 else 0.7))
+    return file
+
+
+def test_the_sharpest_frames_of_their_time_are_taken(video, tmp_path):
+    files, guess = frames_of_walk(video, tmp_path, views=6)
+    numbers = [int(file.stem.removeprefix("frame")) for file in files]
+    assert all(number % 2 == 0 for number in numbers)
+    assert [number // 4 for number in numbers] == list(range(6))
+    assert guess == pytest.approx(0.9 * 160)
+    assert cv2.imread(str(files[0])).shape == (120, 160, 3)
+
+
+def test_a_walk_that_is_short_or_dark_is_refused(tmp_path):
+    for name, frames, light in (("short", 8, 128), ("dark", 16, 3)):
+        with open_video(tmp_path / f"{name}.mp4") as writer:
+            for number in range(frames):
+                writer.write(number / 30, np.full((120, 160, 3), light, np.uint8))
+    with pytest.raises(InputError, match=r"short\.mp4 has 8 frames; at least 12"):
+        scan(tmp_path / "short.mp4", height=1.7)
+    with pytest.raises(InputError, match=r"dark\.mp4 is too dark"):
+        scan(tmp_path / "dark.mp4", height=1.7)
+
+
+def test_the_widest_gap_of_a_lap_is_measured():
+    assert widest_gap(around(np.radians(np.arange(0, 360, 20)))) == pytest.approx(20, abs=0.1)
+    assert widest_gap(around(np.radians(np.arange(0, 200, 20)))) == pytest.approx(180, abs=0.5)
+
+
+def standing(height: float, sway: float = 0.0):
+    """Cameras around a person of this height, keypoints of arms and legs, and a person who moves from view to view."""
+    parts = {name: part * height for name, part in PARTS_OF_HEIGHT.items()}
+    points = {
+        "l_hip": (0.1, 0.9, 0),
+        "r_hip": (-0.1, 0.9, 0),
+        "l_shoulder": (0.18, 1.4, 0),
+        "r_shoulder": (-0.18, 1.4, 0),
+    }
+    for side, sign in (("l", 1), ("r", -1)):
+        points[f"{side}_knee"] = np.array(points[f"{side}_hip"]) - [0, parts["thigh"], 0]
+        points[f"{side}_ankle"] = points[f"{side}_knee"] - [0, parts["shank"], 0]
+        points[f"{side}_elbow"] = np.array(points[f"{side}_shoulder"]) + parts["upper_arm"] * np.array(
+            [0.6 * sign, -0.8, 0]
+        )
+        points[f"{side}_wrist"] = points[f"{side}_elbow"] + parts["forearm"] * np.array([0.6 * sign, -0.8, 0])
+    poses, keypoints = around(np.linspace(0, 2 * np.pi, 12, endpoint=False)), np.zeros((12, 25, 3))
+    rng = np.random.default_rng(0)
+    for view, pose in enumerate(poses):
+        moved = sway * rng.standard_normal(3)
+        for name, point in points.items():
+            image = INTRINSICS @ (pose[:3, :3] @ (np.asarray(point) + moved) + pose[:3, 3])
+            keypoints[view, KEYPOINT_NAMES.index(name)] = [*(image[:2] / image[2]), 0.9]
+    poses[:, :3, 3] *= 0.4  # the world's unit is two and a half metres
+    arrays = jax.device_put((np.tile(INTRINSICS, (12, 1, 1)), np.zeros((12, 5)), poses[:, None]))
+    arrays = [np.asarray(array, np.float32) for array in arrays]
+    names = tuple(f"view{view}" for view in range(12))
+    return Cameras(names, (SIZE,) * 12, *jax.device_put(arrays)), keypoints
+
+
+def test_the_persons_height_tells_the_scale_of_the_cameras():
+    assert person_scale(*standing(1.72), 1.72) == pytest.approx(2.5, rel=0.01)
+
+
+def test_a_person_who_does_not_stand_still_is_refused():
+    with pytest.raises(InputError, match=r"did not stand still: joints are \d+ cm"):
+        person_scale(*standing(1.72, sway=0.25), 1.72)
+
+
+def test_a_person_whose_limbs_are_not_seen_tells_no_scale():
+    cameras, keypoints = standing(1.72)
+    with pytest.raises(InputError, match="not seen well enough in two pictures"):
+        person_scale(cameras, np.zeros_like(keypoints), 1.72)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({}, "say it with --height, or give --masks"),
+        ({"height": 18.0}, "18"),
+        ({"height": 1.7, "masks": "masks"}, "--masks goes with a folder of pictures"),
+        ({"height": 1.7, "cameras": "model"}, "--cameras goes with a folder of pictures"),
+        ({"height": 1.7, "focal": 2.0}, "--focal is 2; a focal length in pixels"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(video, options, sentence):
+    with pytest.raises(InputError, match=sentence):
+        scan(video, **options)
+
+
+def test_views_that_look_from_above_have_a_lap_too():
+    poses = around(np.radians(np.arange(0, 360, 30)), height=2.5)
+    turned = poses.copy()
+    turned[:, :3, :3] = poses[:, :3, :3] @ Rotation.from_rotvec([0.4, 0.2, -0.7]).as_matrix()
+    assert widest_gap(turned) == pytest.approx(30, abs=0.1)
