@@ -1,6 +1,7 @@
 """Structure from motion of the key frames of all cameras in one model (incremental, Schoenberger and Frahm 2016), and
 bundle adjustment of that model."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2  # noqa: F401  (before pycolmap: the other order crashes)
@@ -12,8 +13,11 @@ from jaxmocap._results import InputError
 from ._footage import Footage, Report
 from ._matching import best_pairs_across
 
-_TRIALS = 4  # initial pairs
+_PAIRS = 3  # to begin with
+_FOCAL_FACTORS = (1.0, 1.4, 0.7)  # of the guess
+_SAME_FOCAL = 0.03
 _ENOUGH = 0.6  # of the key frames of every camera
+_NEARLY_ALL = 0.9
 FOCAL_RANGE = (0.3, 6.0)  # times the longer side of the image
 _LOSS_SCALE = 1.0  # pixels at a width of 960
 _LARGEST_RESIDUAL = 2.0
@@ -21,23 +25,69 @@ _SMALLEST_ANGLE = 1.0  # degrees between the rays of a point
 
 
 def map_key_frames(footage: Footage, database: Path, work: Path, report: Report) -> pycolmap.Reconstruction:
-    """Reconstruct the model of most key frames.
+    """Reconstruct the model of most key frames, bundle-adjusted.
 
     It begins with images of two cameras, far apart, since one handheld camera alone moves too little to tell its focal
-    length. Raises `InputError` when no start leads to a model of all cameras.
+    length. While images are added an unknown focal length is kept at a guess, for of a few images it is told wrongly,
+    and the rest then does not fit; bundle adjustment frees it once most are there. From a start that leads nowhere the
+    model is flat or far away: it is begun from several pairs and guesses, until two models of nearly all key frames
+    agree in their focal lengths, and that with most observations is the answer. Raises `InputError` when no start leads
+    to a model of all cameras.
     """
-    best: pycolmap.Reconstruction | None = None
     total = sum(len(footage.key_frames(camera)) for camera in range(len(footage.videos)))
-    starts: list[tuple[int, int] | None] = [*best_pairs_across(database, _TRIALS), None]
-    for trial, start in enumerate(starts):
-        found = _map(footage, database, work / f"trial{trial}", start, total, report)
-        if found is not None and (best is None or _worth(footage, found) > _worth(footage, best)):
-            best = found
-        if best is not None and _worth(footage, best) >= 0.9:
+    found: list[pycolmap.Reconstruction] = []
+    partial: pycolmap.Reconstruction | None = None
+    for trial, (start, factor) in enumerate(_starts(footage, best_pairs_across(database, _PAIRS))):
+        _guess_focal(footage, database, factor)
+        model = _map(footage, database, work / f"trial{trial}", start, total, report)
+        if model is None or _worth(footage, model) < _ENOUGH:
+            if model is not None and (partial is None or model.num_reg_images() > partial.num_reg_images()):
+                partial = model
+            continue
+        report("bundle adjustment", 0, 1)
+        adjust(model, footage.threads, refine_focal=not footage.focal_known)
+        report("bundle adjustment", 1, 1)
+        found.append(model)
+        if footage.focal_known or _agree(footage, found):
             break
-    if best is None or _worth(footage, best) < _ENOUGH:
-        raise InputError(_no_model(footage, best))
+    usable = [model for model in found if _worth(footage, model) >= _ENOUGH]
+    if not usable:
+        raise InputError(_no_model(footage, partial if not found else found[0]))
+    best = max(usable, key=lambda model: (_worth(footage, model) >= _NEARLY_ALL, model.compute_num_observations()))
+    if (
+        len(usable) > 1
+        and not footage.focal_known
+        and not any(_agree(footage, [m, best]) for m in usable if m is not best)
+    ):
+        raise InputError(_no_agreement(footage, usable))
     return best
+
+
+def _starts(footage: Footage, pairs: list[tuple[int, int]]) -> Iterator[tuple[tuple[int, int] | None, float]]:
+    """Go through pairs of images to begin with, None for COLMAP's own choice, and factors of the guessed focal
+    length."""
+    factors = (1.0,) if footage.focal_known else _FOCAL_FACTORS
+    for start in (*pairs, None):
+        for factor in factors:
+            yield start, factor
+
+
+def _guess_focal(footage: Footage, path: Path, factor: float) -> None:
+    with pycolmap.Database.open(path) as database:
+        for camera in database.read_all_cameras():
+            parameters = np.array(camera.params)
+            parameters[camera.focal_length_idxs()] = factor * footage.videos[camera.camera_id - 1].focal
+            camera.params = parameters.tolist()
+            database.update_camera(camera)
+
+
+def _agree(footage: Footage, models: list[pycolmap.Reconstruction]) -> bool:
+    """Tell whether the last of some models and another have nearly all key frames and the same focal lengths."""
+    full = [model for model in models if _worth(footage, model) >= _NEARLY_ALL]
+    if len(full) < 2 or full[-1] is not models[-1]:
+        return False
+    focal = [np.array([model.cameras[c + 1].params[0] for c in range(len(footage.videos))]) for model in full]
+    return any(bool((np.abs(other / focal[-1] - 1) < _SAME_FOCAL).all()) for other in focal[:-1])
 
 
 def _worth(footage: Footage, model: pycolmap.Reconstruction) -> float:
@@ -63,7 +113,7 @@ def _map(
     options.extract_colors = options.multiple_models = False
     options.min_model_size = 4
     options.min_focal_length_ratio, options.max_focal_length_ratio = FOCAL_RANGE
-    options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = not footage.focal_known
+    options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = False
     options.mapper.init_min_tri_angle = 4.0  # two handheld cameras may stand close together
     if start is not None:
         options.init_image_id1, options.init_image_id2 = start
@@ -94,6 +144,17 @@ def _no_model(footage: Footage, best: pycolmap.Reconstruction | None) -> str:
     return (
         f"the cameras cannot be calibrated together: too few key frames could be placed ({found}); more background "
         "that both see is needed, videos without cuts, or more frames: try --key-step 2."
+    )
+
+
+def _no_agreement(footage: Footage, models: list[pycolmap.Reconstruction]) -> str:
+    parts = []
+    for camera, video in enumerate(footage.videos):
+        focal = [model.cameras[camera + 1].params[0] for model in models]
+        parts.append(f"'{video.name}' {min(focal):.0f} to {max(focal):.0f}")
+    return (
+        f"the cameras cannot be told: models that begin with different pictures disagree about the focal lengths "
+        f"({', '.join(parts)} pixels); give them with --focal, or film more background that all cameras see."
     )
 
 

@@ -18,7 +18,7 @@ import pycolmap
 from jaxmocap._results import InputError
 
 from ._footage import Footage, Report
-from ._mapping import adjust, map_key_frames, median_depth, observations
+from ._mapping import map_key_frames, median_depth, observations
 from ._matching import match_key_frames
 from ._picture_worker import map_pictures
 from ._registration import Model, place_other_frames
@@ -39,9 +39,6 @@ def reconstruct(footage: Footage, work: Path, report: Report) -> tuple[Model, Re
     database = work / "database.db"
     features = match_key_frames(footage, database, report)
     reconstruction = map_key_frames(footage, database, work, report)
-    report("bundle adjustment", 0, 1)
-    adjust(reconstruction, footage.threads, refine_focal=not footage.focal_known)
-    report("bundle adjustment", 1, 1)
     model = Model(footage, reconstruction, features)
     refuse_motionless(model)
     off = remove_outliers(model)
