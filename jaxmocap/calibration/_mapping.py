@@ -54,11 +54,8 @@ def map_key_frames(footage: Footage, database: Path, work: Path, report: Report)
     if not usable:
         raise InputError(_no_model(footage, partial if not found else found[0]))
     best = max(usable, key=lambda model: (_worth(footage, model) >= _NEARLY_ALL, model.compute_num_observations()))
-    if (
-        len(usable) > 1
-        and not footage.focal_known
-        and not any(_agree(footage, [m, best]) for m in usable if m is not best)
-    ):
+    others = [model for model in usable if model is not best]
+    if others and not footage.focal_known and not any(_same_focal(best, other) for other in others):
         raise InputError(_no_agreement(footage, usable))
     return best
 
@@ -83,11 +80,14 @@ def _guess_focal(footage: Footage, path: Path, factor: float) -> None:
 
 def _agree(footage: Footage, models: list[pycolmap.Reconstruction]) -> bool:
     """Tell whether the last of some models and another have nearly all key frames and the same focal lengths."""
-    full = [model for model in models if _worth(footage, model) >= _NEARLY_ALL]
-    if len(full) < 2 or full[-1] is not models[-1]:
-        return False
-    focal = [np.array([model.cameras[c + 1].params[0] for c in range(len(footage.videos))]) for model in full]
-    return any(bool((np.abs(other / focal[-1] - 1) < _SAME_FOCAL).all()) for other in focal[:-1])
+    *others, last = models
+    full = [model for model in others if _worth(footage, model) >= _NEARLY_ALL]
+    return _worth(footage, last) >= _NEARLY_ALL and any(_same_focal(last, other) for other in full)
+
+
+def _same_focal(one: pycolmap.Reconstruction, other: pycolmap.Reconstruction) -> bool:
+    lengths = [np.array([m.cameras[number].params[0] for number in sorted(m.cameras)]) for m in (one, other)]
+    return bool((np.abs(lengths[0] / lengths[1] - 1) < _SAME_FOCAL).all())
 
 
 def _worth(footage: Footage, model: pycolmap.Reconstruction) -> float:
