@@ -4,6 +4,7 @@ from jaxmocap.geometry import Similarity as Similarity, align_cameras as align_c
 
 from ._evaluate import evaluate as evaluate, evaluation_table as evaluation_table
 from ._joints import (
+    COMPARABLE as COMPARABLE,
     JOINTS as JOINTS,
     JointErrors as JointErrors,
     joint_errors as joint_errors,
@@ -20,5 +21,8 @@ from ._motion_quality import (
     foot_skate as foot_skate,
     jitter as jitter,
 )
-from ._surface import nearest_on_surface as nearest_on_surface, silhouette_iou as silhouette_iou
+from ._surface import (
+    nearest_on_surface as nearest_on_surface,
+    silhouette_iou as silhouette_iou,
+)
 from ._truth import Truth as Truth

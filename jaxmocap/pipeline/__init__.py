@@ -10,7 +10,11 @@ from ._defaults import (
 from ._detect import DETECTION_REPORT as DETECTION_REPORT, FoundKeypoints as FoundKeypoints, detect as detect
 from ._doctor import EXTRAS as EXTRAS, Diagnosis as Diagnosis, doctor as doctor
 from ._made_to_measure import MadeBody as MadeBody, character_of as character_of, no_actor as no_actor
-from ._register_and_learn import fit_capture_appearance as fit_capture_appearance
+from ._register_and_learn import (
+    Prepared as Prepared,
+    fit_capture_appearance as fit_capture_appearance,
+    register_and_learn as register_and_learn,
+)
 from ._run import RunResult as RunResult, run as run
 from ._run_plan import PlannedStage as PlannedStage
 from ._scan import ScannedActor as ScannedActor, scan as scan

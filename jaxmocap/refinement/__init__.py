@@ -1,6 +1,12 @@
 """The local refinement of sec. 4.2: correspondences, rows, least squares."""
 
-from ._least_squares import Prior as Prior, Rows as Rows, descend as descend, free_prior as free_prior
+from ._least_squares import (
+    Prior as Prior,
+    Rows as Rows,
+    descend as descend,
+    free_prior as free_prior,
+    sum_of_squares as sum_of_squares,
+)
 from ._refine import (
     DetectionPlan as DetectionPlan,
     Refinement as Refinement,

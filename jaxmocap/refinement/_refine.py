@@ -6,7 +6,7 @@ from typing import Literal
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, UInt8
+from jaxtyping import Array, Float, Int
 
 from jaxmocap._types import Knob, knob
 from jaxmocap.character import Pose, Skeleton, difference, retract
@@ -126,32 +126,33 @@ class Refinement:
         detections = self.detections
         points = () if detections is None else (detection_rays(skeleton, problem, detections),)
         hessian = None
-        crops = frame.crops()
         for round_index in range(plan.rounds):
-            widen = max(1.0, plan.robust_start / 2.0**round_index)
-            vertices, ids, inverse = draw(self.character, pose, problem)
-            lines = contour_lines(vertices, self.character.faces, ids, inverse, problem, plan.contours)
-            weights = plan.weights
-            scale = weights.residual_scale / jnp.sqrt(jnp.maximum(weights.contour, 1e-9))
-            rows = [Rows(lines, scale, widen * weights.robust)]
-            if plan.surface_flow:
-                rows += self._surface_rows(vertices, ids, crops, frame, widen)
+            rows = self.rows(frame, pose, max(1.0, plan.robust_start / 2.0**round_index))
             delta = difference(skeleton, base, pose)
-            delta, hessian = descend(
-                self.character, base, delta, tuple(rows), points, prior, plan.refiner, steps=plan.steps
-            )
+            delta, hessian = descend(self.character, base, delta, rows, points, prior, plan.refiner, steps=plan.steps)
             pose = retract(skeleton, base, delta)
         return pose, np.asarray(hessian) if hessian is not None else None
+
+    def rows(self, frame: Frame, pose: Pose, widen: float = 1.0) -> tuple[Rows, ...]:
+        """Associate the surface at a pose with the pictures: what the next step pulls at, and how the pictures of the
+        frame disagree with the pose. `widen` is a factor of the robust scale."""
+        problem, weights = frame.problem, self.plan.weights
+        vertices, ids, inverse = draw(self.character, pose, problem)
+        lines = contour_lines(vertices, self.character.faces, ids, inverse, problem, self.plan.contours)
+        scale = weights.residual_scale / jnp.sqrt(jnp.maximum(weights.contour, 1e-9))
+        rows = [Rows(lines, scale, widen * weights.robust)]
+        if self.plan.surface_flow:
+            rows += self._surface_rows(vertices, ids, frame, widen)
+        return tuple(rows)
 
     def _surface_rows(
         self,
         vertices: Float[Array, "vertex 3"],
         ids: Int[Array, "camera height width"],
-        crops: list[UInt8[np.ndarray, "height width 3"]],
         frame: Frame,
         widen: float,
     ) -> list[Rows]:
-        problem = frame.problem
+        problem, crops = frame.problem, frame.crops()
         cameras, weights = range(problem.num_cameras), self.plan.weights
         sources = self._selected_sources(frame.number)
         pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
