@@ -53,9 +53,9 @@ def scan(
     `pictures` is a video of a walk around the person, of which sharp frames are taken; or a folder of JPEG or PNG files
     of one size, all taken at once or while the person stood still. `cameras` is a COLMAP model whose images have the
     names of these files, or a static calibration of cameras with the files' names; without it they are found by
-    structure from motion of everything that the pictures show, all by one lens (`focal`, pixels, where it is known).
-    `masks` is a folder of PNG files with the pictures' names, white on the person. Without masks the person is detected
-    (extra `detect`) and cut out around the built-in body (`find_outlines`).
+    structure from motion of everything that the pictures show, all by one lens (`focal`, where it is known, in pixels
+    of the pictures or of the video). `masks` is a folder of PNG files with the pictures' names, white on the person.
+    Without masks the person is detected (extra `detect`) and cut out around the built-in body (`find_outlines`).
 
     `weights` are the detector's networks, for a machine without a network.
 

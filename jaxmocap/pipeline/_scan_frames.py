@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -24,14 +25,27 @@ _DARK = 12.0  # of 255, mean of a picture
 _SHARPNESS_WIDTH = 480
 
 
+class WalkFrames(NamedTuple):
+    """Pictures taken out of a video.
+
+    Attributes:
+        files: in the order of the video.
+        guess: of their focal length, pixels.
+        scale: their size as a share of the video's; focal lengths shrink with it.
+    """
+
+    files: list[Path]
+    guess: float
+    scale: float
+
+
 def frames_of_walk(
     video: Path,
     folder: Path,
     views: int = VIEWS,
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
-) -> tuple[list[Path], float]:
-    """Write the sharpest frames of a video, evenly spread over it, as pictures to `folder`; return their files and a
-    first guess of their focal length in pixels.
+) -> WalkFrames:
+    """Write the sharpest frames of a video, evenly spread over it, as pictures to `folder`.
 
     Sharp is what has much contrast from pixel to pixel, among frames of about the same view (the variance of the
     Laplacian; Pech-Pacheco et al., ICPR 2000). Raises `InputError` for a video that is too short or too dark.
@@ -67,7 +81,7 @@ def frames_of_walk(
             f"{video} is too dark: its pictures have a mean brightness of {np.median(brightness):.0f} of 255; film "
             "where there is light."
         )
-    return files, scale * usual_focal(video, index.size)
+    return WalkFrames(files, scale * usual_focal(video, index.size), scale)
 
 
 def _sharpness(picture: UInt8[np.ndarray, "height width 3"]) -> float:

@@ -45,7 +45,8 @@ def read_views(
     _refuse_options(pictures, cameras, masks, height, focal)
     with tempfile.TemporaryDirectory() as place:
         if filmed:
-            files, guess = frames_of_walk(pictures, Path(place), progress=progress)
+            files, guess, scale = frames_of_walk(pictures, Path(place), progress=progress)
+            focal = scale * focal if focal is not None else None
         else:
             files, guess = _pictures(pictures), None
         images = {file: _read(file) for file in files}

@@ -10,7 +10,7 @@ from jaxmocap._results import InputError
 from jaxmocap.calibration import PARTS_OF_HEIGHT
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import KEYPOINT_NAMES
-from jaxmocap.pipeline import scan
+from jaxmocap.pipeline import _scan_frames, _scan_views, scan
 from jaxmocap.pipeline._scan_frames import frames_of_walk
 from jaxmocap.pipeline._scan_masks import person_scale
 from jaxmocap.pipeline._scan_views import widest_gap
@@ -48,12 +48,31 @@ def video(tmp_path_factory):
 
 
 def test_the_sharpest_frames_of_their_time_are_taken(video, tmp_path):
-    files, guess = frames_of_walk(video, tmp_path, views=6)
+    files, guess, scale = frames_of_walk(video, tmp_path, views=6)
     numbers = [int(file.stem.removeprefix("frame")) for file in files]
     assert all(number % 2 == 0 for number in numbers)
     assert [number // 4 for number in numbers] == list(range(6))
     assert guess == pytest.approx(0.9 * 160)
+    assert scale == 1
     assert cv2.imread(str(files[0])).shape == (120, 160, 3)
+
+
+def test_a_known_focal_length_is_in_pixels_of_the_video(video, monkeypatch):
+    """Frames of 160 by 120 pixels are made half as large, and the focal length with them."""
+    told = {}
+
+    def place(files, size, **options):
+        told.update(options, size=size, shown=cv2.imread(str(files[0])).shape)
+        raise InputError("seen enough")
+
+    monkeypatch.setattr(_scan_frames, "LONGEST", 80)
+    monkeypatch.setattr(_scan_views, "calibrate_pictures", place)
+    for given, guess in ((150.0, 75.0), (None, 0.9 * 80)):
+        with pytest.raises(InputError, match="seen enough"):
+            scan(video, height=1.7, focal=given)
+        assert (told["size"], told["shown"]) == ((80, 60), (60, 80, 3))
+        assert told["guess"] == pytest.approx(guess)
+        assert told["focal"] == (pytest.approx(75) if given else None)
 
 
 def test_a_walk_that_is_short_or_dark_is_refused(tmp_path):
