@@ -18,6 +18,8 @@ from ._view_geometry import (
     ViewGeometry as ViewGeometry,
     describe_views as describe_views,
     look_at_point as look_at_point,
+    view_angles as view_angles,
     view_geometry as view_geometry,
+    world_from_upright as world_from_upright,
 )
 from ._write import FORMATS as FORMATS, write_cameras as write_cameras

@@ -1,4 +1,4 @@
-"""What the cameras' places mean for depth: angles between them at the person, and the error of one pixel there."""
+"""Where cameras stand: angles between them at the person, the error of one pixel there, what they look at, and up."""
 
 from itertools import combinations
 from typing import NamedTuple
@@ -68,3 +68,21 @@ def look_at_point(cam_from_world: Float[np.ndarray, "pose 4 4"]) -> Float[np.nda
     axes, centres = cam_from_world[:, 2, :3], camera_centres(cam_from_world)
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     return np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, centres), rcond=None)[0]
+
+
+def view_angles(
+    cam_from_world: Float[np.ndarray, "camera 4 4"], point: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "camera camera"]:
+    """Measure the degrees between the directions in which two cameras stand, seen from a point."""
+    rays = camera_centres(cam_from_world) - point
+    towards = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return np.degrees(np.arccos(np.clip(towards @ towards.T, -1.0, 1.0)))
+
+
+def world_from_upright(cam_from_world: Float[np.ndarray, "camera 4 4"]) -> Float[np.ndarray, "3 3"]:
+    """Find the rotation from a world whose y points to where the cameras' upper edges do in the mean; its x is any."""
+    up = -cam_from_world[:, 1, :3].mean(0)
+    up = up / np.linalg.norm(up)
+    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    side = side / np.linalg.norm(side)
+    return np.stack([side, up, np.cross(side, up)], axis=1)

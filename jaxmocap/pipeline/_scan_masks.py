@@ -1,5 +1,6 @@
 """The person in single pictures: detected, measured, and cut out around the built-in body."""
 
+import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -14,8 +15,9 @@ from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
 from jaxmocap.calibration import PARTS_OF_HEIGHT, SubjectView, fit_scale, triangulate_views
-from jaxmocap.camera import Cameras, look_at_point, write_cameras
+from jaxmocap.camera import Cameras, look_at_point, world_from_upright, write_cameras
 from jaxmocap.capture import Capture, Undistortion
+from jaxmocap.geometry import camera_centres
 
 from ._defaults import with_person_masks
 from ._detect import detect
@@ -56,7 +58,7 @@ def find_outlines(
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for file in files:
-            (folder / file.name).write_bytes(file.read_bytes())
+            shutil.copyfile(file, folder / file.name)
         upright = replace(cameras, cam_from_world=_upright(cameras))
         poses = np.asarray(upright.cam_from_world, np.float64)[:, 0]
         upright = _scaled(upright, _USUAL_DISTANCE / _distance(poses))
@@ -138,8 +140,7 @@ def _apart(view: SubjectView) -> float:
 
 def _distance(poses: Float[np.ndarray, "view 4 4"]) -> float:
     """Measure the distance from the cameras to what they all look at, in the median."""
-    centres = -np.einsum("vji,vj->vi", poses[:, :3, :3], poses[:, :3, 3])
-    return float(np.median(np.linalg.norm(centres - look_at_point(poses), axis=-1)))
+    return float(np.median(np.linalg.norm(camera_centres(poses) - look_at_point(poses), axis=-1)))
 
 
 def _scaled(cameras: Cameras, factor: float) -> Cameras:
@@ -154,10 +155,5 @@ def _enlarged(mask: Bool[np.ndarray, "_ _"], size: tuple[int, int]) -> Bool[np.n
 def _upright(cameras: Cameras) -> Float[jax.Array, "camera frame 4 4"]:
     """Turn the world so that y points to where the cameras' upper edges do in the mean."""
     poses = np.array(cameras.cam_from_world, np.float64)
-    up = -poses[:, 0, 1, :3].mean(0)
-    up = up / np.linalg.norm(up)
-    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    side = side / np.linalg.norm(side)
-    world_from_new = np.stack([side, up, np.cross(side, up)], axis=1)
-    poses[..., :3, :3] = poses[..., :3, :3] @ world_from_new
+    poses[..., :3, :3] = poses[..., :3, :3] @ world_from_upright(poses[:, 0])
     return jax.device_put(poses.astype(np.float32))

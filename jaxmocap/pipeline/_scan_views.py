@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float, UInt8
 
 from jaxmocap._results import InputError
 from jaxmocap.calibration import PHONE_FOCAL, calibrate_pictures
-from jaxmocap.camera import Cameras, look_at_point, read_picture_cameras
+from jaxmocap.camera import Cameras, look_at_point, read_picture_cameras, world_from_upright
 from jaxmocap.capture import Undistortion
+from jaxmocap.geometry import camera_centres
 from jaxmocap.rigging import check_height
 from jaxmocap.scan import Views, person_place
 
@@ -87,12 +88,8 @@ def read_views(
 def widest_gap(cam_from_world: Float[np.ndarray, "view 4 4"]) -> float:
     """Measure the widest gap between the directions of cameras around what they look at, degrees."""
     poses = np.asarray(cam_from_world, np.float64)
-    centres = -np.einsum("vji,vj->vi", poses[:, :3, :3], poses[:, :3, 3]) - look_at_point(poses)
-    up = -poses[:, 1, :3].mean(0)
-    up = up / np.linalg.norm(up)
-    side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    side = side / np.linalg.norm(side)
-    angles = np.sort(np.degrees(np.arctan2(centres @ np.cross(up, side), centres @ side)))
+    x, _, z = ((camera_centres(poses) - look_at_point(poses)) @ world_from_upright(poses)).T
+    angles = np.sort(np.degrees(np.arctan2(z, x)))
     return float(np.max(np.diff(np.append(angles, angles[0] + 360))))
 
 

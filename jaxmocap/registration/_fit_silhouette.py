@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from jaxmocap.camera import view_angles
 from jaxmocap.character import Character, Pose, retract, skin
 from jaxmocap.energies import ContourSettings, LandmarkRays, SearchEnergy, Silhouette, contour_lines
 from jaxmocap.observation import FrameProblem, draw
@@ -148,8 +149,5 @@ def fit_between_views(
 
 def _nearest_views(cam_from_world: Float[np.ndarray, "camera 4 4"], point: Float[np.ndarray, "3"]) -> list[list[int]]:
     """List of every camera the `NEAREST` others by direction, seen from a point; in the order of the cameras."""
-    local = np.einsum("cij,j->ci", cam_from_world[:, :3, :3], point) + cam_from_world[:, :3, 3]
-    towards = -np.einsum("cji,cj->ci", cam_from_world[:, :3, :3], local)
-    towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-    order = np.argsort(-(towards @ towards.T), axis=1, kind="stable")
+    order = np.argsort(view_angles(cam_from_world, point), axis=1, kind="stable")
     return [sorted([int(n) for n in row if n != camera][:NEAREST]) for camera, row in enumerate(order)]

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxmocap.camera import view_angles
 from jaxmocap.character import Pose, Skeleton, skin
 from jaxmocap.observation import Frame
 from jaxmocap.refinement import Comparison, FlowSettings, compare, padded, same_time_sources
@@ -125,15 +126,6 @@ def _between_views(
             limb.append(distances[distal[bodies]])
     medians = [_median(np.concatenate(limb)) for limb in limbs]
     return np.array(gaps, float), np.array(matched, float), np.array(medians, float)
-
-
-def view_angles(
-    cam_from_world: Float[np.ndarray, "camera 4 4"], point: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "camera camera"]:
-    """Measure the degrees between the directions in which two cameras stand, seen from a point."""
-    centres = -np.einsum("cji,cj->ci", cam_from_world[:, :3, :3], cam_from_world[:, :3, 3])
-    towards = (centres - point) / np.linalg.norm(centres - point, axis=1, keepdims=True)
-    return np.degrees(np.arccos(np.clip(towards @ towards.T, -1.0, 1.0)))
 
 
 def _median(values: Float[np.ndarray, " pixel"]) -> float:

@@ -17,7 +17,6 @@ from jaxmocap.verdict import FrameSignals, VerdictSettings, doubts, frame_signal
 from jaxmocap.verdict._doubts import APART, OUTLINE, REGISTERED, UNEXPLAINED, UNTOLD
 from jaxmocap.verdict._outlier_camera import contradicted
 from jaxmocap.verdict._sequence_verdict import _trust
-from jaxmocap.verdict._signals import view_angles
 
 FRAME = 1
 SETTINGS = VerdictSettings(steady=3)
@@ -58,17 +57,6 @@ def test_pictures_of_different_bodies_are_not_matched(world):
     turned[window] = turned[window][::-1, ::-1]
     wrong = signals(world, world.pose(FRAME), shown._replace(images=[shown.images[0], turned]))
     assert wrong.matched.max() < 0.5 * right.matched.min()
-
-
-def test_angles_between_views_are_seen_from_the_body():
-    """Cameras at 0, 30 and 90 degrees around a point, at different distances."""
-    poses = []
-    for degrees, distance in ((0, 2.0), (30, 3.0), (90, 5.0)):
-        pose, angle = np.eye(4), np.radians(degrees)
-        pose[:3, 3] = -(np.array([1.0, 2.0, 3.0]) + distance * np.array([np.sin(angle), 0, np.cos(angle)]))
-        poses.append(pose)
-    found = view_angles(np.stack(poses), np.array([1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(found, [[0, 30, 90], [30, 0, 60], [90, 60, 0]], atol=1e-4)
 
 
 def test_a_body_beside_the_person_covers_background(world):
