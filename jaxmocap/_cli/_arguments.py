@@ -91,6 +91,14 @@ Settings = Annotated[
         help_behavior_hint="",
     ),
 ]
+Weights = Annotated[
+    Path | None,
+    tyro.conf.arg(
+        metavar="PATH",
+        help="The detector's networks, for a machine without a network.",
+        help_behavior_hint="(default: downloaded once)",
+    ),
+]
 
 
 _SPAN = re.compile(r"\s*(\d*)\s*:\s*(\d*)\s*")

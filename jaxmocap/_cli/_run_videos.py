@@ -8,7 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import Json, Seed, open_span
+from ._arguments import Json, Seed, Weights, open_span
 from ._calibrate import focal_lengths
 from ._output import progress, say, show
 from ._track import report_trust, summary
@@ -80,14 +80,7 @@ def run_videos(
             help_behavior_hint="(default: the largest)",
         ),
     ] = (),
-    weights: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="PATH",
-            help="The detector's networks, for a machine without a network.",
-            help_behavior_hint="(default: downloaded once)",
-        ),
-    ] = None,
+    weights: Weights = None,
     keypoints: Annotated[
         Path | None,
         tyro.conf.arg(

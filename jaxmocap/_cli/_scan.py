@@ -7,7 +7,7 @@ import tyro
 
 from jaxmocap._results import InputError
 
-from ._arguments import Json, Seed
+from ._arguments import Json, Seed, Weights
 from ._output import progress, say, show, write_png
 from ._rig import refuse_unusable
 
@@ -54,14 +54,7 @@ def scan(
             metavar="PIXELS", help="Focal length of the pictures, if known.", help_behavior_hint="(default: found)"
         ),
     ] = None,
-    weights: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="PATH",
-            help="The detector's networks, for a machine without a network.",
-            help_behavior_hint="(default: downloaded once)",
-        ),
-    ] = None,
+    weights: Weights = None,
     seed: Seed = 0,
     picture: Annotated[
         Path | None,

@@ -1,6 +1,5 @@
 """`scan`: a walk around a standing person, or pictures from all around, become an actor."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,13 +8,11 @@ from jaxmocap._files import atomic_path
 from jaxmocap.rigging import RiggedMesh, rig
 from jaxmocap.scan import Scan, reconstruct
 
+from ._detect import Report, Say
 from ._scan_views import read_views, widest_gap
 
 POOR = 0.85
 """Overlap of the surface's silhouette and a mask below which somebody had better look at the mask."""
-
-Say = Callable[[str], None]
-Report = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)

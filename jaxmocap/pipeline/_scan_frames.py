@@ -1,6 +1,5 @@
 """The frames of a walk around a person that a scan looks at: spread over the lap, the sharpest of their time."""
 
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +11,8 @@ from jaxtyping import UInt8
 from jaxmocap._results import InputError
 from jaxmocap.calibration import usual_focal
 from jaxmocap.capture import FrameReader, index_video
+
+from ._detect import Report
 
 VIEWS = 40
 """Frames that are looked at: nine degrees from one to the next."""
@@ -43,7 +44,7 @@ def frames_of_walk(
     video: Path,
     folder: Path,
     views: int = VIEWS,
-    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    progress: Report = lambda stage, done, total: None,
 ) -> WalkFrames:
     """Write the sharpest frames of a video, evenly spread over it, as pictures to `folder`.
 

@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from json import dumps
 from pathlib import Path
@@ -20,11 +20,8 @@ from jaxmocap.capture import Capture, Undistortion
 from jaxmocap.geometry import camera_centres
 
 from ._defaults import with_person_masks
-from ._detect import detect
+from ._detect import Report, Say, detect
 from ._made_to_measure import character_of
-
-Say = Callable[[str], None]
-Report = Callable[[str, int, int], None]
 
 MOVED = 0.06
 """Metres that joints of a person who stands still may lie from where all pictures put them, in the median."""
@@ -107,7 +104,8 @@ def person_scale(cameras: Cameras, keypoints: Float[np.ndarray, "view 25 3"], he
     if moved > MOVED:
         raise InputError(
             f"the person did not stand still: joints are {100 * moved:.0f} cm in the median from where all pictures "
-            "together put them; stand still with arms a little away from the body while the camera goes around."
+            "together put them; stand still with arms a little away from the body while the camera goes around. "
+            "Where nobody moved, the cameras are not those of the pictures."
         )
     return scale.metres_per_unit
 

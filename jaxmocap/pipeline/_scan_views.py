@@ -1,7 +1,6 @@
 """What a scan looks at: pictures of a standing person, their cameras and masks, given or found."""
 
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -17,15 +16,13 @@ from jaxmocap.geometry import camera_centres
 from jaxmocap.rigging import check_height
 from jaxmocap.scan import Views, person_place
 
+from ._detect import Report, Say
 from ._scan_frames import frames_of_walk
 from ._scan_masks import find_outlines
 
 PICTURES = (".jpg", ".jpeg", ".png")
 WIDEST_GAP = 110.0
 """Degrees around the person without a picture, from which on there is no scan: what no outline cuts stays."""
-
-Say = Callable[[str], None]
-Report = Callable[[str, int, int], None]
 
 
 def read_views(

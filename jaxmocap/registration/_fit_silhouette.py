@@ -28,6 +28,7 @@ NEAREST = 4
 """Other views that a view is held against, those nearest in direction: from farther off the surface looks otherwise."""
 
 _MOST_ROWS = 16_000
+"""Rows of surface flow in one least squares, all pairs of views together; where there are many, each has fewer."""
 
 
 @dataclass(frozen=True)
