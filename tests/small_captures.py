@@ -70,13 +70,14 @@ def make_video(
     return path
 
 
-def look_at_pose(angle: float, distance: float = 4.0) -> np.ndarray:
-    """cam_from_world of a camera 1 m above the ground, `angle` degrees around the person, looking at it."""
-    a = np.radians(angle)
-    centre = np.array([distance * np.sin(a), 1.0, distance * np.cos(a)])
-    forward = np.array([-np.sin(a), 0.0, -np.cos(a)])
+def look_at_pose(angle: float, distance: float = 4.0, height: float = 1.0) -> np.ndarray:
+    """cam_from_world of a camera `height` above the ground, `angle` degrees around the person, looking at it at 1 m."""
+    a, tilt = np.radians(angle), np.arctan2(height - 1.0, distance)
+    centre = np.array([distance * np.sin(a), height, distance * np.cos(a)])
+    level = np.array([-np.sin(a), 0.0, -np.cos(a)])
     down = np.array([0.0, -1.0, 0.0])
-    rotation = np.stack([np.cross(down, forward), down, forward])
+    lower = np.cos(tilt) * down - np.sin(tilt) * level
+    rotation = np.stack([np.cross(down, level), lower, np.cos(tilt) * level + np.sin(tilt) * down])
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, -rotation @ centre
     return pose

@@ -25,14 +25,17 @@ _SMALLEST_ANGLE = 1.0  # degrees between the rays of a point
 
 
 def map_key_frames(footage: Footage, database: Path, work: Path, report: Report) -> pycolmap.Reconstruction:
-    """Reconstruct the model of most key frames, bundle-adjusted.
+    """Reconstruct the key frames of all cameras in one model and return it, bundle-adjusted, in units of its own.
 
-    It begins with images of two cameras, far apart, since one handheld camera alone moves too little to tell its focal
-    length. While images are added an unknown focal length is kept at a guess, for of a few images it is told wrongly,
-    and the rest then does not fit; bundle adjustment frees it once most are there. From a start that leads nowhere the
-    model is flat or far away: it is begun from several pairs and guesses, until two models of nearly all key frames
-    agree in their focal lengths, and that with most observations is the answer. Raises `InputError` when no start leads
-    to a model of all cameras.
+    Mapping starts from a pair of images of two different cameras, which stand apart: a single handheld camera moves too
+    little to determine its focal length. While images are being added, an unknown focal length (pixels) keeps a guessed
+    value, because a few images determine it badly and the remaining ones would then not fit; bundle adjustment frees it
+    once most key frames are placed.
+
+    A bad start gives a model that is flat or far away. Mapping is therefore repeated from other pairs and guesses until
+    two models of nearly all key frames agree on the focal lengths; of those found, the one with the most observations
+    is returned. Where the focal lengths are known, the first model of most key frames is. Raises `InputError` if no
+    start leads to a model of all cameras, or if the models disagree.
     """
     total = sum(len(footage.key_frames(camera)) for camera in range(len(footage.videos)))
     found: list[pycolmap.Reconstruction] = []
@@ -61,8 +64,8 @@ def map_key_frames(footage: Footage, database: Path, work: Path, report: Report)
 
 
 def _starts(footage: Footage, pairs: list[tuple[int, int]]) -> Iterator[tuple[tuple[int, int] | None, float]]:
-    """Go through pairs of images to begin with, None for COLMAP's own choice, and factors of the guessed focal
-    length."""
+    """Yield the starts to try: the ids of the first two images, or None to let COLMAP choose them, and the factor by
+    which the guessed focal lengths are multiplied."""
     factors = (1.0,) if footage.focal_known else _FOCAL_FACTORS
     for start in (*pairs, None):
         for factor in factors:

@@ -5,6 +5,7 @@ import jax
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from small_captures import look_at_pose
 
 from jaxmocap._results import InputError
 from jaxmocap.calibration import PARTS_OF_HEIGHT
@@ -20,17 +21,8 @@ SIZE, FOCAL, AWAY = (320, 240), 300.0, 3.0
 
 
 def around(angles: np.ndarray, height: float = 1.2) -> np.ndarray:
-    """cam_from_world of cameras around the y axis that look at a point one metre above the ground."""
-    poses = np.tile(np.eye(4), (len(angles), 1, 1))
-    for pose, angle in zip(poses, angles, strict=True):
-        centre = np.array([AWAY * np.cos(angle), height, AWAY * np.sin(angle)])
-        forward = np.array([0, 1.0, 0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0.0, 1.0, 0.0])
-        right /= np.linalg.norm(right)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-        pose[:3, 3] = -pose[:3, :3] @ centre
-    return poses
+    """cam_from_world of cameras at these degrees around the y axis."""
+    return np.stack([look_at_pose(angle, AWAY, height) for angle in angles])
 
 
 INTRINSICS = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]])
@@ -87,8 +79,8 @@ def test_a_walk_that_is_short_or_dark_is_refused(tmp_path):
 
 
 def test_the_widest_gap_of_a_lap_is_measured():
-    assert widest_gap(around(np.radians(np.arange(0, 360, 20)))) == pytest.approx(20, abs=0.1)
-    assert widest_gap(around(np.radians(np.arange(0, 200, 20)))) == pytest.approx(180, abs=0.5)
+    assert widest_gap(around(np.arange(0, 360, 20))) == pytest.approx(20, abs=0.1)
+    assert widest_gap(around(np.arange(0, 200, 20))) == pytest.approx(180, abs=0.5)
 
 
 def standing(height: float, sway: float = 0.0):
@@ -107,7 +99,7 @@ def standing(height: float, sway: float = 0.0):
             [0.6 * sign, -0.8, 0]
         )
         points[f"{side}_wrist"] = points[f"{side}_elbow"] + parts["forearm"] * np.array([0.6 * sign, -0.8, 0])
-    poses, keypoints = around(np.linspace(0, 2 * np.pi, 12, endpoint=False)), np.zeros((12, 25, 3))
+    poses, keypoints = around(np.arange(0, 360, 30)), np.zeros((12, 25, 3))
     rng = np.random.default_rng(0)
     for view, pose in enumerate(poses):
         moved = sway * rng.standard_normal(3)
@@ -152,7 +144,7 @@ def test_options_that_do_not_fit_are_refused(video, options, sentence):
 
 
 def test_views_that_look_from_above_have_a_lap_too():
-    poses = around(np.radians(np.arange(0, 360, 30)), height=2.5)
+    poses = around(np.arange(0, 360, 30), height=2.5)
     turned = poses.copy()
     turned[:, :3, :3] = poses[:, :3, :3] @ Rotation.from_rotvec([0.4, 0.2, -0.7]).as_matrix()
     assert widest_gap(turned) == pytest.approx(30, abs=0.1)
