@@ -1,11 +1,10 @@
 """Feet that stand: found in a motion by the height and the speed of heels and toes, never assumed."""
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxmocap.character import Skeleton
+from jaxmocap.motion import Contact
 
 FOOT_POINTS = ("heel", "toe")
 """Landmarks of a foot that may stand, after `l_` and `r_`."""
@@ -25,14 +24,6 @@ RELEASE = 2.0
 
 SHORTEST = 0.06
 """Seconds that a contact lasts at least."""
-
-
-class Contact(NamedTuple):
-    """Say that a landmark stands from position `first` to `last` of a clip."""
-
-    landmark: str
-    first: int
-    last: int
 
 
 def find_contacts(

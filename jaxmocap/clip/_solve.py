@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, landmark_positions, retract
+from jaxmocap.motion import Contact
 
-from ._contacts import Contact, find_contacts
+from ._contacts import find_contacts
 from ._system import ClipRows, body_points, energy_at, linearise, normal_equations, third_differences
 
 DAMPING = 1e-6

@@ -1,7 +1,8 @@
 """A motion at other times, along other axes, and with angles that do not jump."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -38,8 +39,9 @@ def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
     """Interpolate the motion at increasing times (seconds) within its own; frames count from 0.
 
     The pelvis and the centres of the cameras move straight, rotations about one axis, and joint angles, which must
-    not jump (`continuous`), evenly. A status is the worse of the two frames' between which it lies; energies are left
-    out. Raises `InputError` for times outside the motion's.
+    not jump (`continuous`), evenly. A status is the worse of the two frames' between which it lies; contacts last from
+    the time of their first frame to that of their last; energies are left out. Raises `InputError` for times outside
+    the motion's.
     """
     times = np.asarray(times, np.float64)
     begin, end = motion.timestamps[[0, -1]]
@@ -70,11 +72,24 @@ def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
         times,
         confidence=between(motion.confidence),
         status=np.array(STATUSES)[worse],
-        provenance=motion.provenance,
+        provenance=_provenance_at(motion, times),
         cameras=None if motion.cameras is None else _cameras_between(motion.cameras, motion.timestamps, times, between),
         up=motion.up,
         covariance=None if motion.covariance is None else between(motion.covariance),
     )
+
+
+def _provenance_at(motion: Motion, times: Float[np.ndarray, " time"]) -> Mapping[str, Any]:
+    """Count the contacts, if there may be any, in the new frames."""
+    if "contacts" not in motion.provenance:
+        return motion.provenance
+    contacts = []
+    for contact in motion.contacts:
+        begin, end = motion.timestamps[np.searchsorted(motion.frames, contact[1:])]
+        within = np.flatnonzero((times > begin - _SLACK) & (times < end + _SLACK))
+        if len(within):
+            contacts.append(contact._replace(first=int(within[0]), last=int(within[-1]))._asdict())
+    return {**motion.provenance, "contacts": contacts}
 
 
 def _cameras_between(cameras: Cameras, timestamps: np.ndarray, times: np.ndarray, between: Callable) -> Cameras:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import jax
 import numpy as np
@@ -16,6 +16,20 @@ from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Pose, body_transforms, landmark_positions, pose_vector, skin
 
 STATUSES = ("ok", "doubtful", "lost")
+
+
+class Contact(NamedTuple):
+    """Say that a heel or toe stands.
+
+    Attributes:
+        landmark: its name, such as "l_heel".
+        first: frame, as `Motion.frames` counts; position in the clip while one is solved.
+        last: the same, of the last in which it stands.
+    """
+
+    landmark: str
+    first: int
+    last: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +177,27 @@ class Motion:
         spans = self.provenance.get("lost") or []
         lost = [(self.frames >= span["first"]) & (self.frames <= span["last"]) for span in spans]
         return (self.status == "ok") & ~np.any([np.zeros(len(self), bool), *lost], axis=0)
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Where heels and toes stand, within this motion's frames; none where the clip was not solved as a whole.
+
+        A view of `provenance["contacts"]`.
+        """
+        found = []
+        for span in self.provenance.get("contacts") or []:
+            left = self.frames[(self.frames >= span["first"]) & (self.frames <= span["last"])]
+            if len(left):
+                found.append(Contact(span["landmark"], int(left[0]), int(left[-1])))
+        return tuple(found)
+
+    @property
+    def foot_contact(self) -> Bool[np.ndarray, "frame foot"]:
+        """Whether the left and the right foot stand: each does while its heel or its toe does, by `contacts`."""
+        stands = np.zeros((len(self), 2), bool)
+        for landmark, first, last in self.contacts:
+            stands[(self.frames >= first) & (self.frames <= last), "lr".index(landmark[0])] = True
+        return stands
 
     @property
     def seconds_per_interval(self) -> float:

@@ -13,7 +13,7 @@ from jaxmocap._results import InputError
 from jaxmocap._runtime import release_memory
 from jaxmocap.character import Pose
 from jaxmocap.clip import ClipPlan, solve_clip
-from jaxmocap.motion import Motion, cameras_at
+from jaxmocap.motion import Contact, Motion, cameras_at
 from jaxmocap.observation import Observations
 from jaxmocap.registration import Registration
 from jaxmocap.verdict import FrameResult, VerdictSettings, joint_covariances, judge_sequence
@@ -120,7 +120,7 @@ def motion_of(
 ) -> Motion:
     """Judge tracked frames, solve them as a clip if there is a plan for it, and record them as a motion.
 
-    `provenance["contacts"]` lists where heels and toes stand, if the clip was solved.
+    `provenance["contacts"]` lists where heels and toes stand, if the clip was solved; `Motion.contacts` reads it.
     `provenance["doubts"]` lists the frames that are not to be trusted and why, `provenance["lost"]` the spans in which
     a part is lost, whose landmarks have no confidence, and `provenance["outlier_cameras"]` those in which a camera
     shows the body elsewhere than the others, by which alone these frames are judged; all in frames of the first video
@@ -139,7 +139,7 @@ def motion_of(
     if clip is not None:
         poses, contacts = solve_clip(character.skeleton, poses, moments, judged.confidence, capture.up, clip)
         clip_record["contacts"] = [
-            {"landmark": name, "first": int(numbers[positions[first]]), "last": int(numbers[positions[last]])}
+            Contact(name, int(numbers[positions[first]]), int(numbers[positions[last]]))._asdict()
             for name, first, last in contacts
         ]
     terms = sorted({name for result in results for name in result.energy})

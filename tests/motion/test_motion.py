@@ -10,7 +10,7 @@ from box_figure import box_character, box_motion
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Pose, landmark_positions, rest_pose, retract, skin
-from jaxmocap.motion import Motion, cameras_at
+from jaxmocap.motion import Motion, at_times, cameras_at, continuous, turned
 
 
 @pytest.fixture(scope="module")
@@ -144,3 +144,30 @@ def test_a_motion_needs_a_frame(character):
     none = Pose(root=jnp.zeros((0, 4, 4)), angles=jnp.zeros((0, 33)))
     with pytest.raises(InputError, match="at least one frame"):
         Motion.from_poses(character, none, [], [])
+
+
+def test_contacts_are_those_of_the_frames_that_are_left(motion, tmp_path):
+    spans = [{"landmark": "l_heel", "first": 1, "last": 3}, {"landmark": "r_toe", "first": 5, "last": 5}]
+    spans.append({"landmark": "l_toe", "first": 3, "last": 4})
+    standing = replace(motion, provenance={"contacts": spans})
+    for kept in (standing, Motion.load(standing.save(tmp_path)), turned(standing, "y"), continuous(standing)):
+        assert kept.contacts == (("l_heel", 1, 3), ("r_toe", 5, 5), ("l_toe", 3, 4))
+    assert kept.contacts[0].landmark == "l_heel"
+    assert kept.foot_contact.T.tolist() == [[0, 1, 1, 1, 1, 0], [0, 0, 0, 0, 0, 1]]
+    assert standing[2:5].contacts == (("l_heel", 2, 3), ("l_toe", 3, 4))
+    assert standing[[0, 2, 4]].contacts == (("l_heel", 2, 2), ("l_toe", 4, 4))
+    assert standing[:1].contacts == motion.contacts == ()
+    assert not motion.foot_contact.any()
+
+
+def test_contacts_at_other_times_begin_and_end_when_they_did(motion):
+    spans = [{"landmark": "l_heel", "first": 1, "last": 3}, {"landmark": "r_toe", "first": 4, "last": 4}]
+    standing = replace(motion, provenance={"contacts": spans, "seed": 7}, cameras=None)
+    begin = standing.timestamps[0]
+    finer = at_times(standing, begin + np.arange(11) / 60)
+    assert finer.contacts == (("l_heel", 2, 6), ("r_toe", 8, 8))
+    assert finer.provenance["seed"] == 7
+    assert at_times(standing, begin + np.arange(4) / 20).contacts == (("l_heel", 1, 2),)  # none falls into 4 / 30 s
+    assert at_times(standing[4:], standing.timestamps[4:]).contacts == (("r_toe", 0, 0),)
+    assert at_times(standing[[0, 5]], standing.timestamps[[0, 5]]).contacts == ()
+    assert "contacts" not in at_times(replace(motion, cameras=None), standing.timestamps).provenance
