@@ -14,10 +14,17 @@ not know their uncertainty."""
 _STEPS = 255
 """C3D stores a residual as a whole number of steps, at most 255."""
 _LOST = "; -1 where a joint has no confidence or the person is lost"
+_MOST_EVENTS = 255
+"""The lengths of a C3D parameter are bytes."""
+_EVENTS = {
+    "Foot Strike": (1, "the first frame in which the heel or the toe stands"),
+    "Foot Off": (2, "the last frame in which the heel or the toe stands"),
+}
+"""Number of the icon and description, by label."""
 
 
 def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
-    """Write the joints and landmarks as virtual markers.
+    """Write the joints and landmarks as virtual markers, and feet that begin or cease to stand as events.
 
     The residual is the standard deviation of a place along one axis, the root of the mean over the three, where the
     motion knows its uncertainty. A frame that is lost, and a joint without any confidence, is marked as C3D marks what
@@ -50,4 +57,21 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     places[:3] = form.per_metre * motion.joints.astype(np.float64).transpose(2, 1, 0)
     file["data"]["points"] = places
     file["data"]["meta_points"]["residuals"] = residuals.T[None]
+    events = _foot_events(motion)
+    if len(events) > _MOST_EVENTS:
+        last = motion.timestamps[events[_MOST_EVENTS - 1][0]]
+        form.say(f"{form.name}: C3D holds {_MOST_EVENTS} events; those after {last:.2f} s are left out.")
+    for position, foot, label in events[:_MOST_EVENTS]:
+        icon, description = _EVENTS[label]
+        file.add_event(divmod(position / rate, 60), foot, label, description, icon_id=icon)
     file.write(str(path))
+
+
+def _foot_events(motion: Motion) -> list[tuple[int, str, str]]:
+    """List position, foot and label of what is seen of contacts: none begins with the motion, or ends with it."""
+    steps = np.diff(motion.foot_contact.astype(np.int8), axis=0)
+    found = []
+    for foot, changes in zip(("Left", "Right"), steps.T, strict=True):
+        found += [(int(position) + 1, foot, "Foot Strike") for position in np.flatnonzero(changes > 0)]
+        found += [(int(position), foot, "Foot Off") for position in np.flatnonzero(changes < 0)]
+    return sorted(found, key=lambda event: event[0])

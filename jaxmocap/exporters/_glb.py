@@ -43,6 +43,7 @@ def write_glb(motion: Motion, path: Path, form: ExportForm) -> None:
         "start": float(motion.timestamps[0]),
         "frames": motion.frames.tolist(),
         "status": motion.status.tolist(),
+        "contacts": [contact._asdict() for contact in motion.contacts],
         "rig": "the actor's own" if rig.own else "jaxmocap",
         "mesh_off_by": rig.off,
     }

@@ -76,6 +76,16 @@ def test_the_file_says_how_it_is_to_be_read(opened, motion):
     assert note["frames"] == motion.frames.tolist()
 
 
+def test_contacts_are_in_the_extras_of_the_animation(opened, motion, tmp_path):
+    contacts = [{"landmark": "l_heel", "first": 8, "last": 10}]
+    standing = replace(motion, provenance={**motion.provenance, "contacts": contacts})
+    content, _ = unpack(export(standing[2:], tmp_path / "standing.glb"))
+    note = content["animations"][0]["extras"]["jaxmocap"]
+    assert note["frames"][0] == 9
+    assert note["contacts"] == [{"landmark": "l_heel", "first": 9, "last": 10}]
+    assert opened.animation.extras["jaxmocap"]["contacts"] == []
+
+
 def test_a_world_with_z_up_is_laid_down(motion, tmp_path):
     turn = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # y up to z up
     upright = replace(motion, root=turn @ motion.root, joints=motion.joints @ turn[:3, :3].T, up="z", cameras=None)

@@ -4,6 +4,8 @@ import csv
 from dataclasses import replace
 
 import ezc3d
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -12,6 +14,13 @@ from jaxmocap.camera import read_cameras
 from jaxmocap.exporters import export
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import dance, make_actor
+
+
+def in_contact(motion: Motion) -> Motion:
+    """Let the left foot stand in frames 9 to 13 of 7 to 18, the right one until 9 and from 16 on."""
+    spans = {"l_heel": (9, 11), "l_toe": (10, 13), "r_toe": (7, 9), "r_heel": (16, 18)}
+    contacts = [{"landmark": name, "first": first, "last": last} for name, (first, last) in spans.items()]
+    return replace(motion, provenance={**motion.provenance, "contacts": contacts})
 
 
 def test_c3d_holds_the_joints_in_millimetres_and_residuals_that_say_how_sure(even, tmp_path):
@@ -40,6 +49,43 @@ def test_c3d_residuals_are_the_uncertainty_where_it_is_known(even, tmp_path):
     np.testing.assert_allclose(residuals[1:], 1000 * deviations[1:], atol=1.01)
     assert residuals[0, 0] == pytest.approx(510, abs=1)
     assert "standard deviation" in file["parameters"]["JAXMOCAP"]["RESIDUALS"]["value"][0]
+
+
+def events_of(path) -> list[tuple[float, str, str]]:
+    """Seconds, context and label of the events that ezc3d reads."""
+    group = ezc3d.c3d(str(path))["parameters"]["EVENT"]
+    minutes, seconds = group["TIMES"]["value"]
+    times = np.round(60 * minutes + seconds, 4).tolist()
+    assert group["USED"]["value"] == [len(times)]
+    return list(zip(times, group["CONTEXTS"]["value"], group["LABELS"]["value"], strict=True))
+
+
+def test_c3d_has_a_strike_and_an_off_of_every_foot_that_stands(even, tmp_path):
+    """A foot stands while its heel or toe does; what began before the motion, or ends after it, is no event."""
+    standing = in_contact(even)
+    assert events_of(export(standing, tmp_path / "dance.c3d")) == [
+        (round(2 / 30, 4), "Left", "Foot Strike"),
+        (round(2 / 30, 4), "Right", "Foot Off"),
+        (round(6 / 30, 4), "Left", "Foot Off"),
+        (round(9 / 30, 4), "Right", "Foot Strike"),
+    ]
+    finer = events_of(export(standing[3:], tmp_path / "part.c3d", frame_rate=60))
+    assert finer == [(0.1, "Left", "Foot Off"), (0.2, "Right", "Foot Strike")]
+    assert "EVENT" not in ezc3d.c3d(str(export(even, tmp_path / "none.c3d")))["parameters"]
+
+
+def test_c3d_holds_as_many_events_as_it_can_and_says_so(even, tmp_path):
+    """Minutes are counted, and the 256th event, which the format has no room for, is left out."""
+    frames = np.arange(800)
+    poses = jax.tree.map(lambda leaf: jnp.repeat(leaf[:1], len(frames), axis=0), even.poses)
+    spans = [{"landmark": "l_toe", "first": first, "last": first + 2} for first in range(5, 5 + 6 * 128, 6)]
+    hops = Motion.from_poses(even.character, poses, frames, frames / 10, provenance={"contacts": spans})
+    said = []
+    found = events_of(export(hops, tmp_path / "hops.c3d", say=said.append))
+    assert len(found) == 255
+    assert found[-1] == (round(spans[-1]["first"] / 10, 4), "Left", "Foot Strike")
+    assert found[-1][0] > 60
+    assert "255 events" in said[0]
 
 
 def test_c3d_says_which_way_is_up(even, tmp_path):
@@ -120,6 +166,15 @@ def test_csv_rows_are_frames_with_units_in_the_names(motion, tmp_path):
     for one, other in zip(rows, back, strict=True):
         assert abs(float(one["pelvis_turn_deg"]) - float(other["pelvis_turn_deg"])) == pytest.approx(180, abs=1e-3)
         assert float(one["pelvis_tilt_deg"]) == pytest.approx(float(other["pelvis_tilt_deg"]), abs=1e-3)
+
+
+def test_csv_tells_in_which_frames_a_foot_stands(even, tmp_path):
+    with export(in_contact(even), tmp_path / "dance.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert "".join(row["l_foot_contact"] for row in rows) == "001111100000"
+    assert "".join(row["r_foot_contact"] for row in rows) == "111000000111"
+    with export(even, tmp_path / "none.csv").open() as file:
+        assert set(rows[0]) - set(next(csv.reader(file))) == {"l_foot_contact", "r_foot_contact"}
 
 
 def test_parquet_is_the_same_table_and_states_its_units(motion, tmp_path):
