@@ -102,6 +102,7 @@ def report_record(motion: Motion, report: Mapping[str, Any]) -> dict[str, Any]:
         "skate": {
             "left": _rounded(np.append(skate.speed[:, 0], np.nan), 3),
             "right": _rounded(np.append(skate.speed[:, 1], np.nan), 3),
+            "contact": _foot_contact(motion),
             "summary": skate.summary(),
         },
         "timings": _timings(motion, report),
@@ -177,6 +178,13 @@ def _uncertainty(motion: Motion) -> dict[str, Any] | None:
     joints = [motion.joint_names.index(joint) for joint in JOINTS]
     mean = 100 * deviations[:, joints].mean(axis=1)
     return {name: _rounded(values, 2) for name, values in {"mean over joints": mean, **curves}.items()}
+
+
+def _foot_contact(motion: Motion) -> dict[str, list[int]] | None:
+    """Tell of every frame whether a foot stands, 1 or 0; None where no contact was found."""
+    if not motion.contacts:
+        return None
+    return dict(zip(("left", "right"), motion.foot_contact.T.astype(int).tolist(), strict=True))
 
 
 def _angles(motion: Motion) -> list[dict[str, Any]]:

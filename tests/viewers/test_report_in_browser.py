@@ -17,6 +17,8 @@ def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("browser") / "result"
     told = {"lost": [{"part": HOSTILE, "first": 1, "last": 1, "why": "x"}], "capture_name": HOSTILE}
     told["settings"] = {HOSTILE: HOSTILE}
+    told["contacts"] = [{"landmark": "l_toe", "first": f, "last": f + 1} for f in (1, 6)]
+    told["contacts"].append({"landmark": "r_heel", "first": 3, "last": 8})
     judged(provenance=told).save(folder)
     grey_videos(folder)
     path = report_page(folder)
@@ -73,6 +75,19 @@ def test_views_and_angles_are_chosen(page):
     assert page.locator("#stage figure:visible").count() == 2
     page.select_option("#dof", index=0)
     assert "lumbar_flex" in page.inner_text("#angle .legend")
+
+
+def test_bars_below_the_foot_skate_are_the_contacts(page):
+    """Left of 1 to 2 and 6 to 7, right of 3 to 8, each from half a frame before to half a frame after."""
+    left, right = (page.locator(f'#skate rect[fill="var(--c{foot})"]') for foot in (0, 1))
+    boxes = [one.bounding_box() for one in (*left.all(), *right.all())]
+    frame = page.locator("#skate svg").bounding_box()
+    step = (frame["width"] - 50) / (FRAMES - 1)
+    begins = [(box["x"] - frame["x"] - 42) / step for box in boxes]
+    assert begins == pytest.approx([0.5, 5.5, 2.5], abs=0.05)
+    assert [box["width"] / step for box in boxes] == pytest.approx([2, 2, 6], abs=0.05)
+    assert boxes[2]["y"] > boxes[0]["y"] + boxes[0]["height"]
+    assert page.locator("#skate-bars").is_visible()
 
 
 def test_it_plays_in_the_time_of_the_video(page):

@@ -235,6 +235,15 @@ def test_the_uncertainty_is_in_centimetres_along_one_axis(tmp_path):
     assert next(iter(data["uncertainty"])) == "mean over joints"
 
 
+def test_the_page_knows_in_which_frames_a_foot_stands(tmp_path):
+    contacts = [{"landmark": "l_heel", "first": 2, "last": 4}, {"landmark": "l_toe", "first": 4, "last": 6}]
+    contacts.append({"landmark": "r_toe", "first": 9, "last": 11})
+    motion = judged(provenance={"lost": [], "contacts": contacts})
+    contact = data_of(report_page(motion.save(tmp_path / "result")))["skate"]["contact"]
+    assert contact == {"left": [0, 0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0], "right": [0] * 9 + [1] * 3}
+    assert data_of(report_page(judged().save(tmp_path / "none")))["skate"]["contact"] is None
+
+
 def test_timings_are_summed_by_stage_and_by_frame(result):
     verdicts = [{"frame": frame, "seconds": {"flow": 0.5, "search": 1.0 + frame}} for frame in range(FRAMES)]
     (result / "report.json").write_text(json.dumps({"verdicts": verdicts}))

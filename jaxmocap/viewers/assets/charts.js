@@ -1,6 +1,7 @@
 // Curves over time. All share the cursor; a gap in a curve is a value that was not computed.
 const PALETTE = ["--c0", "--c1", "--c2", "--c3", "--c4", "--c5", "--c6"];
 const MARGIN = { left: 42, right: 8, top: 6, bottom: 20 };
+const BAR = 9;
 const SVG = "http://www.w3.org/2000/svg";
 
 function svg(name, attributes, parent) {
@@ -24,15 +25,19 @@ function stroke(one, index) {
   return `var(${PALETTE[(one.colour ?? index) % PALETTE.length]})`;
 }
 
-// Runs of frames that are not ok: [status, first, last].
-const spans = [];
-data.status.forEach((status, position) => {
-  const last = spans.at(-1);
-  if (last && last[0] === status && last[2] === position - 1) last[2] = position;
-  else if (status !== "ok") spans.push([status, position, position]);
-});
+// Runs of equal values: [value, first, last].
+function runs(values) {
+  const found = [];
+  values.forEach((value, position) => {
+    if (found.length && found.at(-1)[0] === value) found.at(-1)[2] = position;
+    else found.push([value, position, position]);
+  });
+  return found;
+}
 
-// `series`: [{name, values, colour}], `lines`: horizontal dashed lines [{value, name}], `range`: [low, high] or null.
+const spans = runs(data.status).filter(([status]) => status !== "ok");
+
+// `series`: [{name, values, colour, bars}], `bars`: 1 in frames that a bar below the curves marks, `lines`: horizontal dashed lines [{value, name}], `range`: [low, high] or null.
 function chart(host, { series, lines = [], range = null, height = 170 }) {
   const known = [...series.flatMap((one) => one.values), ...lines.map((line) => line.value)].filter((v) => v !== null);
   if (!known.length) {
@@ -62,14 +67,18 @@ function chart(host, { series, lines = [], range = null, height = 170 }) {
   let width = 0;
   let cursor = null;
   const x = (position) => MARGIN.left + (count > 1 ? position / (count - 1) : 0.5) * (width - MARGIN.left - MARGIN.right);
-  const y = (value) => MARGIN.top + (high - value) / (high - low) * (height - MARGIN.top - MARGIN.bottom);
+  const floor = height - MARGIN.bottom;
+  const barred = series.filter((one) => one.bars);
+  const y = (value) => MARGIN.top + (high - value) / (high - low) * (floor - BAR * barred.length - MARGIN.top);
 
   function draw() {
     width = box.clientWidth;
     if (!width) return;
     root.setAttribute("viewBox", `0 0 ${width} ${height}`);
     root.replaceChildren();
-    paintSpans();
+    for (const [status, first, last] of spans) {
+      paintSpan(first, last, { y: MARGIN.top, height: floor - MARGIN.top, fill: `var(${COLOURS[status]})`, opacity: 0.25 });
+    }
     for (let value = Math.ceil(low / step) * step; value <= high + 1e-9; value += step) {
       svg("line", { x1: MARGIN.left, x2: width - MARGIN.right, y1: y(value), y2: y(value), stroke: "var(--line)" }, root);
       const label = svg("text", { x: MARGIN.left - 5, y: y(value) + 4, "text-anchor": "end" }, root);
@@ -87,14 +96,17 @@ function chart(host, { series, lines = [], range = null, height = 170 }) {
         "text-anchor": "end" }, root).textContent = line.name;
     }
     series.forEach((one, index) => paintCurve(one.values, stroke(one, index)));
-    cursor = svg("line", { y1: MARGIN.top, y2: height - MARGIN.bottom, stroke: "var(--ink)", "stroke-width": 1 }, root);
+    barred.forEach((one, row) => {
+      const top = floor - BAR * (barred.length - row) + 2;
+      for (const [, first, last] of runs(one.bars).filter(([stands]) => stands)) {
+        paintSpan(first, last, { y: top, height: BAR - 3, fill: stroke(one, series.indexOf(one)), opacity: 0.6 });
+      }
+    });
+    cursor = svg("line", { y1: MARGIN.top, y2: floor, stroke: "var(--ink)", "stroke-width": 1 }, root);
     move(here);
   }
-  function paintSpans() {
-    for (const [status, first, last] of spans) {
-      svg("rect", { x: x(first - 0.5), width: Math.max(x(last + 0.5) - x(first - 0.5), 2), y: MARGIN.top, opacity: 0.25,
-        height: height - MARGIN.top - MARGIN.bottom, fill: `var(${COLOURS[status]})` }, root);
-    }
+  function paintSpan(first, last, attributes) {
+    svg("rect", { x: x(first - 0.5), width: Math.max(x(last + 0.5) - x(first - 0.5), 2), ...attributes }, root);
   }
   function paintCurve(values, ink) {
     let path = "";

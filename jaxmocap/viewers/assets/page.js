@@ -74,8 +74,9 @@ if (data.uncertainty) {
 }
 showEnergies();
 showAngles();
-const sides = ["left", "right"].map((name) => ({ name, values: data.skate[name] }));
+const sides = ["left", "right"].map((name) => ({ name, values: data.skate[name], bars: data.skate.contact?.[name] }));
 chart(host("skate"), { series: sides });
+host("skate-bars").hidden = !data.skate.contact;
 host("skate-summary").textContent = words(data.skate.summary, "m/s");
 chart(host("jitter"), { series: [{ name: "mean over joints", values: data.jitter.values }] });
 host("jitter-summary").textContent = words(data.jitter.summary, "m/s\u00b2");
