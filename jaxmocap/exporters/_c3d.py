@@ -59,8 +59,8 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     file["data"]["meta_points"]["residuals"] = residuals.T[None]
     events = _foot_events(motion)
     if len(events) > _MOST_EVENTS:
-        last = motion.timestamps[events[_MOST_EVENTS - 1][0]]
-        form.say(f"{form.name}: C3D holds {_MOST_EVENTS} events; those after {last:.2f} s are left out.")
+        last = events[_MOST_EVENTS - 1][0] / rate
+        form.say(f"{form.name}: C3D holds {_MOST_EVENTS} foot events; those after {last:.2f} s are left out.")
     for position, foot, label in events[:_MOST_EVENTS]:
         icon, description = _EVENTS[label]
         file.add_event(divmod(position / rate, 60), foot, label, description, icon_id=icon)
@@ -68,7 +68,7 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
 
 
 def _foot_events(motion: Motion) -> list[tuple[int, str, str]]:
-    """List position, foot and label of what is seen of contacts: none begins with the motion, or ends with it."""
+    """List position, foot and label; a foot that stands as the motion begins, or ends, has no event there."""
     steps = np.diff(motion.foot_contact.astype(np.int8), axis=0)
     found = []
     for foot, changes in zip(("Left", "Right"), steps.T, strict=True):

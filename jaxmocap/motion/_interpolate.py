@@ -85,7 +85,7 @@ def _provenance_at(motion: Motion, times: Float[np.ndarray, " time"]) -> Mapping
         return motion.provenance
     contacts = []
     for contact in motion.contacts:
-        begin, end = motion.timestamps[np.searchsorted(motion.frames, contact[1:])]
+        begin, end = motion.timestamps[np.searchsorted(motion.frames, [contact.first, contact.last])]
         within = np.flatnonzero((times > begin - _SLACK) & (times < end + _SLACK))
         if len(within):
             contacts.append(contact._replace(first=int(within[0]), last=int(within[-1]))._asdict())

@@ -37,7 +37,8 @@ function runs(values) {
 
 const spans = runs(data.status).filter(([status]) => status !== "ok");
 
-// `series`: [{name, values, colour, bars}], `bars`: 1 in frames that a bar below the curves marks, `lines`: horizontal dashed lines [{value, name}], `range`: [low, high] or null.
+// `series`: [{name, values, colour, bars}], where `bars` is 1 in frames that a bar below the curves marks;
+// `lines`: horizontal dashed lines [{value, name}], `range`: [low, high] or null.
 function chart(host, { series, lines = [], range = null, height = 170 }) {
   const known = [...series.flatMap((one) => one.values), ...lines.map((line) => line.value)].filter((v) => v !== null);
   if (!known.length) {
