@@ -1,6 +1,6 @@
 """A motion at other times, along other axes, and with angles that do not jump."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,9 @@ from ._motion import STATUSES, Motion
 
 _SLACK = 1e-6
 """Seconds."""
+
+_SPANS = {"contacts": "its frames", "lost": "all between", "doubts": "all between", "outlier_cameras": "all between"}
+"""Spans of frames in the provenance; one of doubt also holds for what lies between its frames and the next ones."""
 
 
 def continuous(motion: Motion) -> Motion:
@@ -39,9 +42,9 @@ def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
     """Interpolate the motion at increasing times (seconds) within its own; frames count from 0.
 
     The pelvis and the centres of the cameras move straight, rotations about one axis, and joint angles, which must
-    not jump (`continuous`), evenly. A status is the worse of the two frames' between which it lies; contacts last from
-    the time of their first frame to that of their last; energies are left out. Raises `InputError` for times outside
-    the motion's.
+    not jump (`continuous`), evenly. A status is the worse of the two frames' between which it lies, and a part is
+    lost between two frames if it is in one of them; contacts last from the time of their first frame to that of their
+    last; energies are left out. Raises `InputError` for times outside the motion's.
     """
     times = np.asarray(times, np.float64)
     begin, end = motion.timestamps[[0, -1]]
@@ -79,17 +82,30 @@ def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
     )
 
 
-def _provenance_at(motion: Motion, times: Float[np.ndarray, " time"]) -> Mapping[str, Any]:
-    """Count the contacts, if there may be any, in the new frames."""
-    if "contacts" not in motion.provenance:
-        return motion.provenance
-    contacts = []
-    for contact in motion.contacts:
-        begin, end = motion.timestamps[np.searchsorted(motion.frames, [contact.first, contact.last])]
-        within = np.flatnonzero((times > begin - _SLACK) & (times < end + _SLACK))
-        if len(within):
-            contacts.append(contact._replace(first=int(within[0]), last=int(within[-1]))._asdict())
-    return {**motion.provenance, "contacts": contacts}
+def _provenance_at(motion: Motion, times: Float[np.ndarray, " time"]) -> dict[str, Any]:
+    """Count the spans of frames in the provenance in the new frames; those that none is left of are dropped."""
+    counted = {}
+    for name, speaks_of in _SPANS.items():
+        if name in motion.provenance:
+            spans = [_span_at(motion, span, times, speaks_of) for span in motion.provenance[name]]
+            counted[name] = [span for span in spans if span is not None]
+    return {**motion.provenance, **counted}
+
+
+def _span_at(
+    motion: Motion, span: dict[str, Any], times: Float[np.ndarray, " time"], speaks_of: str
+) -> dict[str, Any] | None:
+    of = np.flatnonzero((motion.frames >= span["first"]) & (motion.frames <= span["last"]))
+    if not len(of):
+        return None
+    known = motion.timestamps
+    if speaks_of == "its frames":
+        within = (times > known[of[0]] - _SLACK) & (times < known[of[-1]] + _SLACK)
+    else:
+        before, after = np.append(-np.inf, known)[of[0]], np.append(known, np.inf)[of[-1] + 1]
+        within = (times > before + _SLACK) & (times < after - _SLACK)
+    new = np.flatnonzero(within)
+    return {**span, "first": int(new[0]), "last": int(new[-1])} if len(new) else None
 
 
 def _cameras_between(cameras: Cameras, timestamps: np.ndarray, times: np.ndarray, between: Callable) -> Cameras:
