@@ -117,7 +117,7 @@ def _write(
     shutil.copyfile(actor, folder / f"actor{actor.suffix}")
     write_colmap_text(cameras, folder / "cameras")
     shutil.copyfile(capture.truth, folder / "truth.npz")
-    selected, entries = capture.selected_frames or (0,), ""
+    selected, entries = [f for f in capture.selected_frames or (0,) if f < len(frames[0])], ""
     for camera, (name, size) in enumerate(zip(capture.camera_names, cameras.sizes, strict=True)):
         entries += f'\n[[camera]]\nname = "{name}"\nvideo = "{name}.mp4"\n'
         with open_video(folder / f"{name}.mp4", quality=10) as video:
@@ -136,7 +136,7 @@ def _write(
                 cv2.imwrite(str(folder / "masks" / f"{name}_{frame:05d}.png"), small)
     (folder / "capture.toml").write_text(
         f'name = "{folder.name}"\nfps = {capture.fps:g}\nframes = {len(frames[0])}\nup = "{capture.up}"\n'
-        f'actor = "actor{actor.suffix}"\ncameras = "cameras"\nselected_frames = {list(selected)}\n'
+        f'actor = "actor{actor.suffix}"\ncameras = "cameras"\nselected_frames = {selected}\n'
         f'keypoints = "keypoints"\nmasks = "masks"\ntruth = "truth.npz"\n{entries}'
     )
     return folder

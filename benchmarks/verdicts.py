@@ -7,8 +7,8 @@ one that was pushed, one that stops, another person's mesh, or no second camera;
 alone and drifts. Every copy is tracked over some frames. A frame is wrong where the mean error of its joints is above
 8 cm: markers are bound to the mesh in the first frame, and where that is wrong they say the same of every later one. A
 capture that is refused at once, with a sentence, counts as not trusted in every frame. Per case the table says how many
-frames are right and wrong, and how many of each were told so; cases marked "fit" were looked at when the thresholds of
-`VerdictSettings` were chosen, those marked "check" were not.
+frames are right and wrong, and how many of each were told so. The verdict is fitted to other films (`verdict_fit.py`);
+these were in sight when its features were chosen.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from broken_captures import (  # noqa: E402
     turned_camera,
     wrong_focal_length,
 )
-from figures import Figure, add_options, finish, record  # noqa: E402
+from figures import add_options, finish, record  # noqa: E402
 
 from jaxmocap import InputError  # noqa: E402
 from jaxmocap.metrics import Truth, joint_errors  # noqa: E402
@@ -44,35 +44,29 @@ WRONG = 8.0
 
 
 class Case(NamedTuple):
-    """`make(data, folder)` writes a capture, of which `frames` are tracked; `fitted`: the thresholds were chosen with
-    it in sight."""
+    """`make(data, folder)` writes a capture, of which `frames` are tracked."""
 
     make: Callable[[Path, Path], Path]
     frames: tuple[int, int]
-    fitted: bool
     settings: dict[str, str] = {}  # noqa: RUF012
 
 
 FLOW_ALONE = {"search": "off", "refine": "off"}
 CASES = {
-    "plaza": Case(lambda data, to: copied(data / "plaza", to), (50, 66), True),
-    "plaza_late": Case(lambda data, to: late_camera(data / "plaza", to), (50, 60), True),
-    "plaza_stopped": Case(lambda data, to: stopped_camera(data / "plaza", to, 54), (50, 66), False),
-    "plaza_focal": Case(lambda data, to: wrong_focal_length(data / "plaza", to, 1.2), (50, 58), True),
-    "plaza_flow": Case(lambda data, to: copied(data / "plaza", to), (50, 90), True, FLOW_ALONE),
-    "plaza_actor": Case(
-        lambda data, to: other_actor(data / "plaza", to, data / "street" / "actor.glb"), (50, 58), False
-    ),
-    "plaza_swapped": Case(lambda data, to: swapped_cameras(data / "plaza", to), (50, 56), False),
-    "plaza_turned": Case(lambda data, to: turned_camera(data / "plaza", to), (50, 58), False),
-    "plaza_alone": Case(lambda data, to: one_camera(data / "plaza", to), (50, 58), False),
-    "street": Case(lambda data, to: copied(data / "street", to), (0, 12), False),
-    "street_late": Case(lambda data, to: late_camera(data / "street", to), (0, 10), False),
-    "street_focal": Case(lambda data, to: wrong_focal_length(data / "street", to, 0.8), (0, 8), False),
-    "street_stopped": Case(lambda data, to: stopped_camera(data / "street", to, 20), (17, 33), False),
-    "street_actor": Case(
-        lambda data, to: other_actor(data / "street", to, data / "plaza" / "actor.glb"), (0, 8), False
-    ),
+    "plaza": Case(lambda data, to: copied(data / "plaza", to), (50, 66)),
+    "plaza_late": Case(lambda data, to: late_camera(data / "plaza", to), (50, 60)),
+    "plaza_stopped": Case(lambda data, to: stopped_camera(data / "plaza", to, 54), (50, 66)),
+    "plaza_focal": Case(lambda data, to: wrong_focal_length(data / "plaza", to, 1.2), (50, 58)),
+    "plaza_flow": Case(lambda data, to: copied(data / "plaza", to), (50, 90), FLOW_ALONE),
+    "plaza_actor": Case(lambda data, to: other_actor(data / "plaza", to, data / "street" / "actor.glb"), (50, 58)),
+    "plaza_swapped": Case(lambda data, to: swapped_cameras(data / "plaza", to), (50, 56)),
+    "plaza_turned": Case(lambda data, to: turned_camera(data / "plaza", to), (50, 58)),
+    "plaza_alone": Case(lambda data, to: one_camera(data / "plaza", to), (50, 58)),
+    "street": Case(lambda data, to: copied(data / "street", to), (0, 12)),
+    "street_late": Case(lambda data, to: late_camera(data / "street", to), (0, 10)),
+    "street_focal": Case(lambda data, to: wrong_focal_length(data / "street", to, 0.8), (0, 8)),
+    "street_stopped": Case(lambda data, to: stopped_camera(data / "street", to, 20), (17, 33)),
+    "street_actor": Case(lambda data, to: other_actor(data / "street", to, data / "plaza" / "actor.glb"), (0, 8)),
 }
 
 
@@ -117,14 +111,13 @@ def shares(outcomes: list[Outcome]) -> dict[str, float]:
     return {name: float(values.mean()) for name, values in known.items() if len(values)}
 
 
-def row(name: str, case: Case | None, outcomes: list[Outcome]) -> str:
+def row(name: str, outcomes: list[Outcome]) -> str:
     """A line of the table."""
     wrong = np.concatenate([found.errors for found in outcomes]) > WRONG
     trusted = np.concatenate([found.trusted for found in outcomes])
     counts = [int((a & b).sum()) for a in (~wrong, wrong) for b in (trusted, ~trusted)]
-    kind = "" if case is None else "fit" if case.fitted else "check"
-    refused = "  refused" if case is not None and outcomes[0].refused else ""
-    return f"{name:16s} {kind:6s}" + "".join(f"{count:9d}" for count in counts) + refused
+    refused = "  refused" if outcomes[0].refused else ""
+    return f"{name:16s}" + "".join(f"{count:9d}" for count in counts) + refused
 
 
 def main() -> int:
@@ -136,18 +129,13 @@ def main() -> int:
     options = parser.parse_args()
     done: dict[str, Outcome] = {}
     heads = ("right: trusted", "not", "wrong: trusted", "not")
-    print(f"{'frames':23s}" + "".join(f"{head[-8:]:>9s}" for head in heads), flush=True)
+    print(f"{'frames':16s}" + "".join(f"{head[-8:]:>9s}" for head in heads), flush=True)
     for name in options.only or CASES:
         with tempfile.TemporaryDirectory() as folder:
             done[name] = outcome(CASES[name], options.data, Path(folder), options.quality)
-        print(row(name, CASES[name], [done[name]]), flush=True)
-    figures: list[Figure] = []
-    for kind, fitted in (("fit", True), ("check", False)):
-        chosen = [found for name, found in done.items() if CASES[name].fitted == fitted]
-        if chosen:
-            print(row(kind, None, chosen))
-            for metric, share in shares(chosen).items():
-                figures.append(record(f"{kind}: {metric}", share, "", 0.03, "higher"))
+        print(row(name, [done[name]]), flush=True)
+    print(row("all", list(done.values())))
+    figures = [record(metric, share, "", 0.03, "higher") for metric, share in shares(list(done.values())).items()]
     return finish(figures, options, quality=options.quality)
 
 
