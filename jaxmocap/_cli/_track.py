@@ -1,7 +1,8 @@
 """`jaxmocap track`: a capture folder in, a result folder out."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -111,17 +112,20 @@ def report_trust(motion: "Motion") -> int:
     """Name the frames that are not to be trusted, and why; the exit code."""
     from jaxmocap.camera import ranges
 
-    def where(first: int, last: int) -> str:
-        return f"frame{'s' * (last > first)} {ranges(list(range(first, last + 1)))}"
+    def frames_by(spans: Iterable[dict[str, Any]], part: str) -> dict[tuple[str, str], str]:
+        found: dict[tuple[str, str], list[int]] = {}
+        for span in spans:
+            found.setdefault((span.get(part, ""), span["why"]), []).extend(range(span["first"], span["last"] + 1))
+        return {key: f"frame{'s' * (len(frames) > 1)} {ranges(frames)}" for key, frames in found.items()}
 
-    for span in motion.provenance["lost"]:
-        if span["part"] != "body":
-            say(f"The {span['part']} is lost in {where(span['first'], span['last'])}: {span['why']}.")
-    for span in motion.provenance["outlier_cameras"]:
-        shown = where(span["first"], span["last"])
-        say(f"Camera {span['camera']} is left out of the verdict in {shown}: {span['why']}.")
-    for doubt in motion.provenance["doubts"]:
-        say(f"Do not trust {where(doubt['first'], doubt['last'])}: {doubt['why']}.")
+    record = motion.provenance
+    limbs = [span for span in record["lost"] if span["part"] != "body"]
+    for (limb, why), where in frames_by(limbs, "part").items():
+        say(f"The {limb} is lost in {where}: {why}.")
+    for (camera, why), where in frames_by(record["outlier_cameras"], "camera").items():
+        say(f"Camera {camera} is left out of the verdict in {where}: {why}.")
+    for (_, why), where in frames_by(record["doubts"], "").items():
+        say(f"Do not trust {where}: {why}.")
     lost = motion.frames[motion.status == "lost"].tolist()
     if lost:
         say(f"Lost in frame{'s' if len(lost) > 1 else ''} {ranges(lost)}; the overlays show where.")

@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import chdtri
+from scipy.special import fdtri
 
 from jaxmocap._results import InputError
 from jaxmocap.geometry import IDENTITY, Similarity, fit_similarity
-from jaxmocap.motion import Motion
+from jaxmocap.motion import TAILS, Motion
 
 from ._motion_quality import accelerations
 
@@ -64,12 +64,12 @@ class JointErrors:
     def coverage(self, share: float) -> float:
         """Measure how often the truth lies in the region that should hold this share of it.
 
-        The region is an ellipsoid about the place found. NaN without a covariance.
+        The region is an ellipsoid about the place found, of Student's t (`motion.TAILS`). NaN without a covariance.
         """
         if self.deviations is None:
             return float("nan")
         known = self.deviations[np.isfinite(self.deviations)]
-        return float(np.mean(known**2 <= chdtri(3, 1 - share)))
+        return float(np.mean(known**2 <= 3 * fdtri(3, TAILS, share)))
 
 
 def joint_errors(

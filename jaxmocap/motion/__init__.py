@@ -7,5 +7,5 @@ from ._history import (
     predict_difference as predict_difference,
 )
 from ._interpolate import at_times as at_times, continuous as continuous, turned as turned
-from ._motion import Contact as Contact, Motion as Motion, cameras_at as cameras_at
+from ._motion import TAILS as TAILS, Contact as Contact, Motion as Motion, cameras_at as cameras_at
 from ._storage import read_npz as read_npz

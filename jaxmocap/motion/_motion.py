@@ -16,6 +16,8 @@ from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Pose, body_transforms, landmark_positions, pose_vector, skin
 
 STATUSES = ("ok", "doubtful", "lost")
+TAILS = 2.3
+"""Degrees of freedom of Student's t that the errors of joints follow, about their covariance as the scale matrix."""
 
 
 class Contact(NamedTuple):
@@ -39,7 +41,8 @@ class Motion:
     `root` is `world_from_body` and `angles` the joint angles: together the pose of Eq. 2. `frames` are frame numbers
     of the first camera's video and `timestamps` their times in seconds since its first frame. `joints` are the
     skeleton's landmarks, named by `joint_names`; `confidence` in [0, 1] is theirs, and `covariance`, when known, that
-    of their places, square metres. `energy` holds each term's value per frame, NaN where it was not evaluated. `status`
+    of their places, square metres: the scale matrix of Student's t with `TAILS` degrees of freedom, since a limb is
+    found or mistaken. `energy` holds each term's value per frame, NaN where it was not evaluated. `status`
     says per frame "ok", "doubtful" or "lost". `cameras`, when known, has the frame axis of this motion. `provenance`
     holds whatever tells how it was made, as JSON knows it; the key `seconds_per_frame` is read by `evaluate`. `up` is
     the world's vertical axis, "x", "y" or "z".
@@ -164,7 +167,7 @@ class Motion:
     def joint_deviations(self) -> Float[np.ndarray, "frame joint"] | None:
         """Standard deviation of each joint's place along one axis, metres: the root of the mean over the three.
 
-        None where the covariance is not known.
+        Of most errors, not of the few large ones (`TAILS`). None where the covariance is not known.
         """
         if self.covariance is None:
             return None

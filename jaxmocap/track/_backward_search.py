@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxmocap.character import Pose, Skeleton, nearest_equivalent, with_limb
+from jaxmocap.character import Pose, Skeleton, landmark_positions, nearest_equivalent, with_limb
 from jaxmocap.motion import after
 from jaxmocap.refinement import Refinement
 from jaxmocap.search import BodySearch
-from jaxmocap.verdict import limb_deviation
 
 from ._state import Tracked
 
@@ -142,3 +142,16 @@ def _backwards(
             break
         found[position] = later = answer
     return found
+
+
+def limb_deviation(
+    skeleton: Skeleton, earlier: Pose, pose: Pose, later: Pose, dofs: tuple[int, ...]
+) -> tuple[float, Pose]:
+    """Measure how far a limb's landmarks are, at most, from halfway between two other poses, metres.
+
+    Returns with it the pose with the limb halfway.
+    """
+    before, after = nearest_equivalent(skeleton, earlier, pose), nearest_equivalent(skeleton, later, pose)
+    middle = with_limb(with_limb(pose, before, dofs), with_limb(pose, after, dofs), dofs, 0.5)
+    moved = landmark_positions(skeleton, pose) - landmark_positions(skeleton, middle)
+    return float(jnp.linalg.norm(moved, axis=1).max()), middle

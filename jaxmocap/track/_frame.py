@@ -12,7 +12,7 @@ from jaxmocap.character import Pose, difference, skin
 from jaxmocap.motion import MotionHistory, after
 from jaxmocap.observation import Frame, FrameImages, LightMeter, Observations, frame_rectangle, lit_apart
 from jaxmocap.refinement import Refinement
-from jaxmocap.search import BodySearch, DrawnPose, Evidence, PoseScore, polish, uncovered_share
+from jaxmocap.search import BodySearch, DrawnPose, Evidence, PoseScore, polish
 from jaxmocap.verdict import FrameResult, frame_signals, judge_frame, passed_over, poses_between
 
 from ._backward_search import search_backwards
@@ -187,8 +187,7 @@ class FrameTracker:
         if history is not None:
             moved = np.asarray(difference(self.character.skeleton, history.pose, answer.pose))
             speed = float(np.linalg.norm(moved[:3])) / max(abs(frame.timestamp - history.timestamp), 1e-3)
-        left = uncovered_share(drawn.ids, frame.problem)
-        verdict = judge_frame(self.evidence, drawn, self.tracker.verdict, speed, left)
+        verdict = judge_frame(self.evidence, drawn, self.tracker.verdict, speed)
         names = [term.name for term in self.tracker.scored.terms]
         energy = {name: float(value) for name, value in zip(names, terms[0], strict=True)}
         energy["covered"] = verdict.covered_cost

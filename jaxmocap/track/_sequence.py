@@ -124,11 +124,12 @@ def motion_of(
     `provenance["doubts"]` lists the frames that are not to be trusted and why, `provenance["lost"]` the spans in which
     a part is lost, whose landmarks have no confidence, and `provenance["outlier_cameras"]` those in which a camera
     shows the body elsewhere than the others, by which alone these frames are judged; all in frames of the first video
-    like the motion's own.
+    like the motion's own. `provenance["risks"]` has the probabilities that a "frame" is wrong and that a limb is, one
+    per frame.
     """
     capture, character = observations.capture, observations.character
     settings = verdict or VerdictSettings()
-    judged = judge_sequence(results, character, capture.fps, settings, observations.key_poses, capture.camera_names)
+    judged = judge_sequence(results, character.skeleton, settings, observations.key_poses, capture.camera_names)
     numbers, positions = capture.video_frames[0], np.array([result.frame for result in results])
     poses = Pose(
         jax.device_put(np.stack([r.pose.root for r in results])),
@@ -161,6 +162,12 @@ def motion_of(
                     for span in getattr(judged, name)
                 ]
                 for name in ("lost", "doubts", "outlier_cameras")
+            },
+            "risks": {
+                name: np.round(risk, 3).tolist()
+                for name, risk in zip(
+                    ("frame", *character.skeleton.limb_labels.values()), (judged.risk, *judged.limb_risk.T), strict=True
+                )
             },
             **clip_record,
             **(provenance or {}),

@@ -9,7 +9,7 @@ from ._frame_verdict import (
     passed_over as passed_over,
     poses_between as poses_between,
 )
-from ._lost import LostSpan as LostSpan, limb_deviation as limb_deviation, lost_spans as lost_spans
+from ._lost import LostSpan as LostSpan, lost_spans as lost_spans
 from ._outlier_camera import OutlierCamera as OutlierCamera, outlier_cameras as outlier_cameras
 from ._sequence_verdict import SequenceVerdict as SequenceVerdict, judge_sequence as judge_sequence
 from ._signals import FrameSignals as FrameSignals, frame_signals as frame_signals

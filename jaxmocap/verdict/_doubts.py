@@ -1,39 +1,39 @@
-"""Which frames are not to be trusted, and why: what single frames show, steadied over their neighbours, and what all
-frames together say."""
+"""Which frames are not to be trusted, and why: how likely they are wrong, and what all frames together say."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from ._features import runs, steadied
 from ._frame_verdict import FrameResult, VerdictSettings
-from ._lost import runs
-from ._outlier_camera import agreement, contradicted, steadied
+from ._model import FRAME_MODEL, probability
 
 APART = (
-    "the views do not show the same body there: the calibration, the offsets or the actor are wrong, a camera stood "
-    "still, or the body is elsewhere"
+    "the views do not show the same body there; see whether a camera stood still or was pushed (check), and whether "
+    "the offsets (sync), the calibration and the actor are right"
 )
-
-
-OUTLINE = "the body covers what looks like the background, or leaves uncovered what does not"
-UNEXPLAINED = (
-    "the covered pixels do not look like the person, part of the person stays uncovered, or the body moves "
-    "implausibly fast"
+OUTLINE = (
+    "the body covers what looks like the background, or leaves uncovered what does not; look at the overlay, and "
+    "select a frame there"
 )
-
-
+UNEXPLAINED = "the covered pixels do not look like the person; look at the overlay, and select a frame there"
+FAST = "the body moves implausibly fast; look at the overlay"
 UNTOLD = (
     "the pictures tell too little of where the joints are, as where a single camera shows them: it does not see how "
-    "far away they are"
+    "far away they are; film with another one, 15 to 45 degrees beside it"
 )
-
-
 REGISTERED = (
     "the pose at a selected frame is not to be trusted, and everything rests on it: look at the cameras, the offsets, "
     "the actor and the keypoints"
 )
+_REASONS = {
+    APART: ("view gap", "wide view gap"),
+    OUTLINE: ("outline",),
+    UNEXPLAINED: ("cost",),
+    UNTOLD: ("alone",),
+}
 
 
 @dataclass(frozen=True)
@@ -47,71 +47,37 @@ class Doubt:
 
 def doubts(
     results: Sequence[FrameResult],
+    features: Float[np.ndarray, "frame feature"],
     settings: VerdictSettings,
     registered: Collection[int] = (),
     deviations: Float[np.ndarray, "frame"] | None = None,
 ) -> list[Doubt]:
-    """List the spans of frames that are not to be trusted, in order; one frame may be in several.
+    """List the spans of frames that are not to be trusted, in order, each frame in one of them.
 
-    Frames that were passed over show nothing themselves and are left out. Where half of the `registered` frames among
-    them are doubtful, all are. Cameras that the others contradict have no say. `deviations` are the standard deviations
-    of a joint, mean over the body, in metres, where they are known.
+    These are frames that are wrong with a probability (`FRAME_MODEL`, of their `features`) above `settings.risk`, for
+    the reason that makes most of it in a span; whose root is too fast; and where the pictures tell too little:
+    `deviations` are the standard deviations of a joint, mean over the body, in metres, where they are known. Where half
+    of the `registered` frames are doubtful, all frames are. Frames that were passed over show nothing themselves and
+    are left out.
     """
     looked_at = np.array([bool(result.energy) for result in results])
-    inlier = ~contradicted(results, settings)
-    marked = {
-        APART: steadied(_apart(results, inlier, settings), settings.steady) > 0.5,
-        OUTLINE: steadied(_outline(results, inlier), settings.steady) > settings.outline,
-        UNEXPLAINED: looked_at & _unexplained(results, inlier, settings),
-    }
+    risky = looked_at & (probability(FRAME_MODEL.logit(features)) > settings.risk)
+    fast = looked_at & np.array([result.status == "doubtful" for result in results])
+    why = np.full(len(results), "", object)
     if deviations is not None:
-        marked[UNTOLD] = looked_at & (steadied(deviations, settings.steady) > settings.joint_deviation)
+        why[looked_at & (steadied(deviations, settings.steady) > settings.joint_deviation)] = UNTOLD
+    why[fast] = FAST
+    parts = FRAME_MODEL.reasons(features)
+    for first, stop in runs(risky):
+        shares = {reason: sum(parts[name][first:stop].sum() for name in of) for reason, of in _REASONS.items()}
+        why[first:stop] = max(shares, key=lambda reason: shares[reason])
     lost = np.array([result.status == "lost" for result in results])
-    some = np.any(np.stack([lost, *marked.values()]), axis=0)
     known = looked_at & np.isin([result.frame for result in results], list(registered))
-    if known.any() and some[known].mean() >= 0.5:
-        marked[REGISTERED] = looked_at & ~some
+    if known.any() and (lost | (why != ""))[known].mean() >= 0.5:
+        why[looked_at & ~lost & (why == "")] = REGISTERED
     found = [
-        Doubt(results[first].frame, results[stop - 1].frame, why)
-        for why, frames in marked.items()
-        for first, stop in runs(frames)
+        Doubt(results[first].frame, results[stop - 1].frame, reason)
+        for reason in dict.fromkeys(why[why != ""].tolist())
+        for first, stop in runs(why == reason)
     ]
-    return sorted(found, key=lambda span: (span.first, span.why))
-
-
-def _apart(
-    results: Sequence[FrameResult], inlier: Bool[np.ndarray, "frame camera"], settings: VerdictSettings
-) -> Float[np.ndarray, "frame"]:
-    """1 where half of the pairs of views, or more, are apart or show too little that is the same."""
-    marked = np.zeros(len(results))
-    for index, result in enumerate(results):
-        if result.signals is not None:
-            known, agree = agreement(result.signals, settings)
-            known &= inlier[index][:, None] & inlier[index]
-            marked[index] = known.any() and agree[known].mean() <= 0.5
-    return marked
-
-
-def _outline(results: Sequence[FrameResult], inlier: Bool[np.ndarray, "frame camera"]) -> Float[np.ndarray, "frame"]:
-    """How much of the body is beside the person and how much of the person beside the body, mean over the views; 0 in
-    frames that were not looked at."""
-    signals = [result.signals for result in results]
-    return np.array(
-        [0.0 if s is None else float((s.bare + s.uncovered)[of].mean()) for s, of in zip(signals, inlier, strict=True)]
-    )
-
-
-def _unexplained(
-    results: Sequence[FrameResult], inlier: Bool[np.ndarray, "frame camera"], settings: VerdictSettings
-) -> Bool[np.ndarray, "frame"]:
-    """Where `judge` calls the frame doubtful and, if not all cameras are inlier, those that are do too."""
-    doubtful = np.array([result.status == "doubtful" for result in results], bool)
-    for index in np.flatnonzero(doubtful & ~np.all(inlier, axis=1)).tolist():
-        signals = results[index].signals
-        if signals is None:
-            continue
-        costs, uncovered = signals.costs[inlier[index]].mean(), signals.uncovered[inlier[index]].max()
-        doubtful[index] = (
-            costs > settings.doubtful or uncovered > settings.uncovered or signals.speed > settings.top_speed
-        )
-    return doubtful
+    return sorted(found, key=lambda span: span.first)

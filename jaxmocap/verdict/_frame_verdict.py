@@ -30,50 +30,38 @@ class FrameVerdict:
 
 @dataclass(frozen=True)
 class VerdictSettings:
-    """Where frames and limbs are called doubtful or lost; not in the paper. Costs are those of Eq. 6, mean over pixels:
-    0 explains them, 0.5 says nothing, 1 is background. Chosen beside three captures (`benchmarks/verdicts.py`).
+    """When frames and limbs are called doubtful or lost; not in the paper. Costs are those of Eq. 6, mean over pixels:
+    0 explains them, 0.5 says nothing, 1 is background.
 
     Attributes:
-        doubtful: cost of the covered pixels above which a frame is doubtful.
-        lost: cost above which it is lost.
-        top_speed: metres per second of the root above which a frame is doubtful, and at twice of which it is lost.
-        uncovered: share of the person that may look foreign and stay uncovered, as an arm that was lost does.
-        least_pixels: pixels of a body below which its confidence is that of the nearest ancestor with more.
-        hidden: a limb is lost when less than this share of its distal half is seen in any view,
-        foreign: or when the cost of that half is above this,
-        limb_deviation: or when it is more metres than this from halfway between the frames before and after,
-        acceleration_limit: at an acceleration above this, metres per second squared.
-        view_gap: metres that two views may show the body's surface apart, in the median over it.
-        matched: share of the surface at which two views have to show the same.
-        outline: background covered and person not covered, as a share of the body, mean over the views: an arm and a
-            half.
+        risk: probability of being wrong (8 cm off in the mean over the joints) above which a frame is doubtful.
+        limb_risk: probability of being wrong (15 cm off) above which a limb is lost,
+        hidden: or when less than this share of its outer half is seen in any view.
         joint_deviation: metres that a joint's standard deviation may be, mean over the body.
-        steady: frames whose median counts for the last four, and for cameras that contradict the others.
+        lost: cost of the covered pixels above which a frame is lost.
+        top_speed: metres per second of the root above which a frame is doubtful, and at twice of which it is lost.
+        least_pixels: pixels of a body below which its confidence is that of the nearest ancestor with more.
+        view_gap: metres that two views may show the body's surface apart, in the median over it, and agree.
+        matched: share of the surface at which two views that agree show the same.
+        steady: frames whose median counts for what is measured of a frame, and for cameras that contradict the others.
         confidence: what a landmark of a doubtful frame has at most, unless only `joint_deviation` is the reason.
     """
 
-    doubtful: float = 0.42
+    risk: float = 0.2
+    limb_risk: float = 0.3
+    hidden: float = 0.25
+    joint_deviation: float = 0.0135
     lost: float = 0.55
     top_speed: float = 15.0
-    uncovered: float = 0.06
     least_pixels: int = 30
-    hidden: float = 0.25
-    foreign: float = 0.7
-    limb_deviation: float = 0.33
-    acceleration_limit: float = 300.0
     view_gap: float = 0.01
     matched: float = 0.25
-    outline: float = 0.07
-    joint_deviation: float = 0.03
     steady: int = 5
     confidence: float = 0.25
 
 
-def judge_frame(
-    evidence: Evidence, drawn: DrawnPose, settings: VerdictSettings, speed: float = 0.0, uncovered: float = 0.0
-) -> FrameVerdict:
-    """Judge a frame by its drawn answer, the root's speed in metres per second and the share of the person that is left
-    uncovered."""
+def judge_frame(evidence: Evidence, drawn: DrawnPose, settings: VerdictSettings, speed: float = 0.0) -> FrameVerdict:
+    """Judge a frame by its drawn answer and the root's speed in metres per second."""
     skeleton, covered = evidence.character.skeleton, drawn.ids >= 0
     bodies = len(skeleton.body_names)
     if not covered.any():
@@ -90,7 +78,7 @@ def judge_frame(
     status = "ok"
     if overall > settings.lost or speed > 2 * settings.top_speed:
         status = "lost"
-    elif overall > settings.doubtful or speed > settings.top_speed or uncovered > settings.uncovered:
+    elif speed > settings.top_speed:
         status = "doubtful"
     return FrameVerdict(confidence[list(skeleton.landmark_bodies)], status, overall)
 

@@ -3,22 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
-from jaxmocap.character import (
-    Character,
-    Pose,
-    Skeleton,
-    landmark_positions,
-    nearest_equivalent,
-    with_limb,
-)
+from jaxmocap.character import Skeleton
 
+from ._features import runs
 from ._frame_verdict import FrameResult, VerdictSettings
+from ._model import LIMB_MODEL, probability
 
 HIDDEN, FOREIGN, JUMPING = "no view shows it", "its pixels look like the background", "it leaves its way"
+_REASONS = {HIDDEN: "unseen", FOREIGN: "cost", JUMPING: "leap"}
 LOST = "the body's pixels look like the background, or it moves too fast"
 
 
@@ -32,55 +27,33 @@ class LostSpan:
     why: str
 
 
-def runs(marked: Bool[np.ndarray, "frame"]) -> list[tuple[int, int]]:
-    """Find where marked frames begin, and where they have ended."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], marked.astype(int), [0]]))).tolist()
-    return list(zip(edges[::2], edges[1::2], strict=True))
-
-
 def lost_spans(
-    results: Sequence[FrameResult], character: Character, fps: float, settings: VerdictSettings
+    results: Sequence[FrameResult],
+    skeleton: Skeleton,
+    features: Float[np.ndarray, "frame limb feature"],
+    doubtful: Bool[np.ndarray, "frame"],
+    settings: VerdictSettings,
 ) -> list[LostSpan]:
     """List the spans in which the whole body is lost, and in which a limb is.
 
-    No view shows the limb's outer half, its pixels look like the background, or it is far from halfway between the
-    frames before and after.
+    A limb is lost where no view shows its outer half, or where it is wrong with a probability (`LIMB_MODEL`, of its
+    `features`) above `settings.limb_risk`, for the reason that makes most of it; where that is only that the whole
+    frame is `doubtful`, it is not listed.
     """
     body = np.array([result.status == "lost" for result in results])
     spans = _spans(results, body, "body", LOST)
-    for limb, (group, name) in enumerate(character.skeleton.limb_labels.items()):
-        hidden = np.array([result.limb_seen[limb] < settings.hidden for result in results])
-        foreign = np.array([result.limb_costs[limb] > settings.foreign for result in results])
-        for why, marked in ((HIDDEN, hidden), (FOREIGN, foreign & ~hidden)):
-            spans += _spans(results, marked & ~body, name, why)
-        jumping = _jumping(results, character, group, fps, settings)
-        spans += _spans(results, jumping & ~hidden & ~foreign & ~body, name, JUMPING)
+    hidden = np.stack([result.limb_seen < settings.hidden for result in results])
+    risky = probability(LIMB_MODEL.logit(features)) > settings.limb_risk
+    parts = LIMB_MODEL.reasons(features)
+    shares = np.stack([parts[name] for name in _REASONS.values()])
+    risky &= (shares.max(axis=0) > parts["frame"]) | ~doubtful[:, None]
+    most = np.where(hidden, list(_REASONS).index(HIDDEN), shares.argmax(axis=0))
+    listed = (risky | hidden) & ~body[:, None]
+    for limb, name in enumerate(skeleton.limb_labels.values()):
+        for number, why in enumerate(_REASONS):
+            spans += _spans(results, listed[:, limb] & (most[:, limb] == number), name, why)
     return sorted(spans, key=lambda span: (span.first, span.part))
-
-
-def _jumping(
-    results: Sequence[FrameResult], character: Character, group: str, fps: float, settings: VerdictSettings
-) -> Bool[np.ndarray, "frame"]:
-    dofs, far = character.skeleton.group(group), np.zeros(len(results))
-    for here in range(1, len(results) - 1):
-        earlier, pose, later = (result.pose for result in results[here - 1 : here + 2])
-        far[here] = limb_deviation(character.skeleton, earlier, pose, later, dofs)[0]
-    peak = far >= np.maximum(np.append(far[1:], 0), np.append(0, far[:-1]))  # its neighbours deviate only because of it
-    return peak & (far > settings.limb_deviation) & (2 * far * fps**2 > settings.acceleration_limit)
 
 
 def _spans(results: Sequence[FrameResult], marked: Bool[np.ndarray, "frame"], part: str, why: str) -> list[LostSpan]:
     return [LostSpan(part, results[first].frame, results[stop - 1].frame, why) for first, stop in runs(marked)]
-
-
-def limb_deviation(
-    skeleton: Skeleton, earlier: Pose, pose: Pose, later: Pose, dofs: tuple[int, ...]
-) -> tuple[float, Pose]:
-    """Measure how far a limb's landmarks are, at most, from halfway between two other poses, metres.
-
-    Returns with it the pose with the limb halfway.
-    """
-    before, after = nearest_equivalent(skeleton, earlier, pose), nearest_equivalent(skeleton, later, pose)
-    middle = with_limb(with_limb(pose, before, dofs), with_limb(pose, after, dofs), dofs, 0.5)
-    moved = landmark_positions(skeleton, pose) - landmark_positions(skeleton, middle)
-    return float(jnp.linalg.norm(moved, axis=1).max()), middle

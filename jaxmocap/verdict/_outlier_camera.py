@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
+from ._features import runs, steadied
 from ._frame_verdict import FrameResult, VerdictSettings
-from ._lost import runs
 from ._signals import FrameSignals
 
 ALONE = (
@@ -67,13 +67,6 @@ def agreement(
     known = np.isfinite(matched) & np.isfinite(matched.T)
     near = np.maximum(gaps, gaps.T) <= settings.view_gap
     return known, known & near & (0.5 * (matched + matched.T) >= settings.matched)
-
-
-def steadied(values: Float[np.ndarray, "frame"], window: int) -> Float[np.ndarray, "frame"]:
-    """Take the median of the frames around each: what one frame of many shows is chance."""
-    reach = window // 2
-    padded = np.pad(values, reach, mode="edge")
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1), axis=1)
 
 
 def _without_company(signals: FrameSignals, settings: VerdictSettings) -> Bool[np.ndarray, "camera"]:

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxmocap.character import Character, Skeleton
+from jaxmocap.character import Skeleton
 
 from ._doubts import UNTOLD, Doubt, doubts
+from ._features import frame_features, limb_features
 from ._frame_verdict import FrameResult, VerdictSettings
 from ._lost import LostSpan, lost_spans
-from ._outlier_camera import OutlierCamera, outlier_cameras
+from ._model import FRAME_MODEL, LIMB_MODEL, probability
+from ._outlier_camera import OutlierCamera, contradicted, outlier_cameras
 from ._uncertainty import mean_deviations
 
 
@@ -22,6 +24,8 @@ class SequenceVerdict:
     Attributes:
         status: of every frame, "ok", "doubtful" or "lost".
         confidence: of every landmark in every frame, 0 to 1.
+        risk: probability that a frame is wrong, its joints more than 8 cm off in the mean.
+        limb_risk: probability that a limb is, more than 15 cm.
         doubts: spans of frames that are not to be trusted, and why.
         lost: spans in which the body or a limb is lost, and why.
         outlier_cameras: spans in which a camera shows the body elsewhere than the others, which alone are judged by
@@ -30,6 +34,8 @@ class SequenceVerdict:
 
     status: list[str]
     confidence: Float[np.ndarray, "frame landmark"]
+    risk: Float[np.ndarray, "frame"]
+    limb_risk: Float[np.ndarray, "frame limb"]
     doubts: list[Doubt]
     lost: list[LostSpan]
     outlier_cameras: list[OutlierCamera]
@@ -37,24 +43,29 @@ class SequenceVerdict:
 
 def judge_sequence(
     results: Sequence[FrameResult],
-    character: Character,
-    fps: float,
+    skeleton: Skeleton,
     settings: VerdictSettings,
     registered: Collection[int] = (),
     cameras: Sequence[str] = (),
 ) -> SequenceVerdict:
     """Judge the frames of a sequence together. `registered` are the selected frames, `cameras` the cameras' names."""
-    lost = lost_spans(results, character, fps, settings)
-    found = doubts(results, settings, registered, mean_deviations(character.skeleton, results))
+    features = frame_features(results, ~contradicted(results, settings), settings)
+    logit = FRAME_MODEL.logit(features)
+    of_limbs = limb_features(results, skeleton, logit)
+    found = doubts(results, features, settings, registered, mean_deviations(skeleton, results))
     trust = [_trust(result, found, settings) for result in results]
+    doubtful = np.array([status != "ok" for status, _ in trust])
+    lost = lost_spans(results, skeleton, of_limbs, doubtful, settings)
     return SequenceVerdict(
         [status for status, _ in trust],
         np.stack(
             [
-                without_lost(confidence, result.frame, lost, character.skeleton)
+                without_lost(confidence, result.frame, lost, skeleton)
                 for result, (_, confidence) in zip(results, trust, strict=True)
             ]
         ),
+        probability(logit),
+        probability(LIMB_MODEL.logit(of_limbs)),
         found,
         lost,
         outlier_cameras(results, settings, cameras),
@@ -65,13 +76,11 @@ def _trust(
     result: FrameResult, found: Sequence[Doubt], settings: VerdictSettings
 ) -> tuple[str, Float[np.ndarray, "landmark"]]:
     """Status and confidence of a frame: "doubtful", if not "lost", where a doubt holds, with a confidence of at most
-    `settings.confidence` if its pixels are the reason; "ok" where only a contradicted camera spoke against it."""
+    `settings.confidence` unless it is that the pictures tell too little."""
     reasons = {doubt.why for doubt in found if doubt.first <= result.frame <= doubt.last}
     if reasons and result.energy:
         most = 1.0 if reasons == {UNTOLD} else settings.confidence
         return "doubtful" if result.status == "ok" else result.status, np.minimum(result.confidence, most)
-    if result.status == "doubtful" and result.energy:
-        return "ok", result.confidence
     return result.status, result.confidence
 
 

@@ -17,9 +17,10 @@ from ._frame_verdict import FrameResult
 class UncertaintySettings(NamedTuple):
     """How J^T J and the last particles become a covariance; not in the paper.
 
-    `scale`, `doubt` and `floor` are those of greatest likelihood on one capture of a dancer with known truth. Errors
-    have heavier tails than any normal distribution, a limb is right or mistaken: the region of 90 % then holds 90 %,
-    that of 50 % more and that of 99 % less. `benchmarks/uncertainty.py` measures it on any capture.
+    `scale`, `doubt` and `floor` are, with `motion.TAILS`, those of greatest likelihood on random synthetic films
+    (`benchmarks/verdict_fit.py`). Errors have heavier tails than any normal distribution, for a limb is right or
+    mistaken: they follow Student's t, whose scale matrix this is. `benchmarks/uncertainty.py` measures on any capture
+    how often the regions hold.
 
     Attributes:
         correlated: rows of the refinement that tell as much as one, for neighbouring points of a contour err alike.
@@ -35,8 +36,8 @@ class UncertaintySettings(NamedTuple):
     free_root: float = 0.3
     free_angle: float = 0.8
     particles: float = 1.0
-    scale: float = 0.3
-    doubt: float = 6.0
+    scale: float = 0.09
+    doubt: float = 7.0
     floor: float = 0.006
 
 

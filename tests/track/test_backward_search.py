@@ -11,8 +11,7 @@ from jaxmocap.character import difference, retract, with_limb
 from jaxmocap.energies import search_energy
 from jaxmocap.search import BodySearch, Effort, Evidence, SearchPlan
 from jaxmocap.track import Answer, BackwardSearch, FrameTracker, Tracker
-from jaxmocap.track._backward_search import doubtful_run
-from jaxmocap.verdict import limb_deviation
+from jaxmocap.track._backward_search import doubtful_run, limb_deviation
 
 LOST = 1
 

@@ -15,9 +15,9 @@ def bodies(world):
     return dominant_bodies(world.character)
 
 
-def judge(world, ids, costs, speed=0.0, uncovered=0.0):
+def judge(world, ids, costs, speed=0.0):
     drawn = DrawnPose(world.pose(0), ids, costs, np.zeros((len(ids), 0), int))
-    return judge_frame(Evidence.of(world.character), drawn, SETTINGS, speed, uncovered)
+    return judge_frame(Evidence.of(world.character), drawn, SETTINGS, speed)
 
 
 def pixels(bodies, shown, count=60):
@@ -50,8 +50,7 @@ def test_nothing_covered_is_lost(world, bodies):
     ("cost", "speed", "status"),
     [
         (0.1, 0.0, "ok"),
-        (SETTINGS.doubtful - 0.01, 0.0, "ok"),
-        (SETTINGS.doubtful + 0.01, 0.0, "doubtful"),
+        (SETTINGS.lost - 0.01, 0.0, "ok"),
         (SETTINGS.lost + 0.01, 0.0, "lost"),
         (0.1, SETTINGS.top_speed + 1, "doubtful"),
         (0.1, 2 * SETTINGS.top_speed + 1, "lost"),
@@ -63,13 +62,6 @@ def test_status_follows_cost_and_speed(world, bodies, cost, speed, status):
     assert verdict.status == status
     assert verdict.covered_cost == pytest.approx(cost)
     np.testing.assert_allclose(verdict.confidence, np.clip(1.25 - 1.75 * cost, 0, 1), atol=1e-12)
-
-
-def test_an_uncovered_arm_makes_a_frame_doubtful(world, bodies):
-    ids = pixels(bodies, range(18))
-    costs = np.full(ids.shape, 0.1)
-    for share, status in ((SETTINGS.uncovered - 0.01, "ok"), (SETTINGS.uncovered + 0.01, "doubtful")):
-        assert judge(world, ids, costs, 0.0, share).status == status
 
 
 def test_pixels_that_are_not_covered_do_not_count(world, bodies):

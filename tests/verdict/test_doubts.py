@@ -14,12 +14,15 @@ from jaxmocap.search import Evidence
 from jaxmocap.track import FrameTracker, Tracker
 from jaxmocap.track._sequence import motion_of
 from jaxmocap.verdict import FrameSignals, VerdictSettings, doubts, frame_signals, outlier_cameras
-from jaxmocap.verdict._doubts import APART, OUTLINE, REGISTERED, UNEXPLAINED, UNTOLD
+from jaxmocap.verdict._doubts import APART, FAST, OUTLINE, REGISTERED, UNEXPLAINED, UNTOLD
+from jaxmocap.verdict._features import FRAME_FEATURES, frame_features
 from jaxmocap.verdict._outlier_camera import contradicted
 from jaxmocap.verdict._sequence_verdict import _trust
 
 FRAME = 1
 SETTINGS = VerdictSettings(steady=3)
+FAR, FOREIGN = 0.05, 1.5
+"""Metres between what two views show, and a share of the body, that no right frame has."""
 
 
 @pytest.fixture(scope="module")
@@ -84,31 +87,36 @@ def trusted(results, found):
     return [_trust(result, found, SETTINGS) for result in results]
 
 
-def told(results, registered=()):
-    return [(doubt.first, doubt.last, doubt.why) for doubt in doubts(results, SETTINGS, registered)]
+def doubted(results, **known):
+    features = frame_features(results, ~contradicted(results, SETTINGS), SETTINGS)
+    return doubts(results, features, SETTINGS, **known)
+
+
+def told(results, **known):
+    return [(doubt.first, doubt.last, doubt.why) for doubt in doubted(results, **known)]
 
 
 def test_right_frames_are_trusted(true_result):
     assert told(frames(true_result, 6)) == []
 
 
-def test_every_reason_has_its_frames(true_result):
-    far, foreign = 1.1 * SETTINGS.view_gap, 1.1 * SETTINGS.outline
+def test_every_reason_has_its_frames_and_every_frame_one_reason(true_result):
     results = frames(
         true_result,
         30,
-        view_gaps=dict.fromkeys(range(4, 8), far),
-        matched=dict.fromkeys((11, 12), 0.9 * SETTINGS.matched),
-        bare=dict.fromkeys((20, 21), foreign),
+        view_gaps=dict.fromkeys(range(4, 8), FAR),
+        bare=dict.fromkeys(range(12, 15), FOREIGN),
+        costs=dict.fromkeys((20, 21), 0.9),
         status={25: "doubtful"},
     )
-    assert told(results) == [(4, 7, APART), (11, 12, APART), (20, 21, OUTLINE), (25, 25, UNEXPLAINED)]
+    assert told(results) == [(4, 7, APART), (12, 14, OUTLINE), (20, 21, UNEXPLAINED), (25, 25, FAST)]
+    both = frames(true_result, 9, view_gaps=dict.fromkeys(range(4, 8), FAR), costs=dict.fromkeys(range(4, 7), 0.4))
+    assert told(both) == [(4, 7, APART)]
 
 
 def test_one_frame_of_many_is_chance(true_result):
-    far = 1.1 * SETTINGS.view_gap
-    assert told(frames(true_result, 9, view_gaps={4: far})) == []
-    assert told(frames(true_result, 20, view_gaps=dict.fromkeys((4, 6), far))) == [(5, 5, APART)]
+    assert told(frames(true_result, 9, view_gaps={4: FAR})) == []
+    assert told(frames(true_result, 20, view_gaps=dict.fromkeys((4, 6), FAR))) == [(5, 5, APART)]
 
 
 def views(result, apart, cameras=3, status="ok", unknown=(), **changed):
@@ -116,7 +124,7 @@ def views(result, apart, cameras=3, status="ok", unknown=(), **changed):
     they are of different `apart`; what is `unknown` is seen with no other. Signals per camera are given by name."""
     side = {camera: number for number, group in enumerate(apart, 1) for camera in group}
     pairs = list(permutations(range(cameras), 2))
-    gaps = [0.0 if side.get(m, 0) == side.get(n, 0) else 2 * SETTINGS.view_gap for m, n in pairs]
+    gaps = [0.0 if side.get(m, 0) == side.get(n, 0) else FAR for m, n in pairs]
     matched = [np.nan if m in unknown or n in unknown else 1.0 for m, n in pairs]
     each = {name: np.array(changed.get(name, [0.0] * cameras)) for name in ("costs", "bare", "uncovered")}
     signals = replace(
@@ -132,17 +140,16 @@ def odd(results):
 @pytest.mark.parametrize("camera", [0, 1, 2])
 def test_a_camera_that_two_others_contradict_has_no_say(true_result, camera):
     costs, uncovered = np.eye(3)[camera], 0.9 * np.eye(3)[camera]
-    results = views(true_result, [[camera]], status="doubtful", costs=costs, uncovered=uncovered, bare=uncovered)
+    results = views(true_result, [[camera]], costs=costs, uncovered=uncovered, bare=uncovered)
     assert told(results) == []
     assert odd(results) == [("abc"[camera], 0, 4)]
-    assert [status for status, _ in trusted(results, doubts(results, SETTINGS))] == ["ok"] * 5
+    assert [status for status, _ in trusted(results, doubted(results))] == ["ok"] * 5
 
 
 def test_what_the_other_cameras_say_still_counts(true_result):
-    cases = ({"uncovered": [0, 0, 0.9]}, {"bare": [0, 0, 0.9]}, {"costs": [0, 0, 0.9]}, {"speed": 99.0})
-    for changed, reasons in zip(cases, ({OUTLINE, UNEXPLAINED}, {OUTLINE}, {UNEXPLAINED}, {UNEXPLAINED}), strict=True):
-        results = views(true_result, [[1]], status="ok" if "bare" in changed else "doubtful", **changed)
-        assert {why for _, _, why in told(results)} == reasons, changed
+    for changed, reason in (({"uncovered": [0, 0, 3.0]}, OUTLINE), ({"costs": [0, 0, 1.9]}, UNEXPLAINED)):
+        assert told(views(true_result, [[1]], **changed)) == [(0, 4, reason)]
+    assert told(views(true_result, [[1]], status="doubtful", speed=99.0)) == [(0, 4, FAST)]
 
 
 def test_no_camera_is_odd_where_none_agree_or_as_many_do_on_either_side(true_result):
@@ -153,16 +160,15 @@ def test_no_camera_is_odd_where_none_agree_or_as_many_do_on_either_side(true_res
 
 
 def test_a_camera_too_far_from_all_others_is_heard(true_result):
-    results = views(true_result, [], uncovered=[0, 0, 0.9], status="doubtful", unknown=[2])
+    results = views(true_result, [], uncovered=[0, 0, 3.0], unknown=[2])
     assert odd(results) == []
-    assert {why for _, _, why in told(results)} == {OUTLINE, UNEXPLAINED}
+    assert told(results) == [(0, 4, OUTLINE)]
 
 
 def test_a_frame_that_was_not_looked_at_between_frames_with_an_odd_camera_stays_doubtful(true_result):
     results = views(true_result, [[1]])
     results[2] = replace(results[2], energy={}, signals=None, status="doubtful")
-    found = doubts(results, SETTINGS)
-    assert [status for status, _ in trusted(results, found)] == ["ok", "ok", "doubtful", "ok", "ok"]
+    assert [status for status, _ in trusted(results, doubted(results))] == ["ok", "ok", "doubtful", "ok", "ok"]
 
 
 def test_two_cameras_are_always_heard(true_result):
@@ -171,7 +177,7 @@ def test_two_cameras_are_always_heard(true_result):
     results = [replace(result, frame=frame) for frame, result in enumerate(results)]
     inlier = ~contradicted(results, SETTINGS)
     assert (inlier.sum(1) >= 2).all()
-    assert np.isfinite([d.first for d in doubts(results, SETTINGS)]).all()
+    assert np.isfinite(frame_features(results, inlier, SETTINGS)).all()
 
 
 def test_a_camera_that_is_odd_for_a_frame_is_chance(true_result):
@@ -182,18 +188,20 @@ def test_a_camera_that_is_odd_for_a_frame_is_chance(true_result):
 
 def test_background_covered_and_person_uncovered_count_alike_and_as_the_mean_over_views(true_result):
     signals = replace(true_result.signals, bare=np.array([0.8, 0.0]), uncovered=np.array([0.0, 1.0]))
-    for factor, expected in ((0.9, []), (1.1, [(0, 2, OUTLINE)])):
-        scale = factor * SETTINGS.outline / 0.9
-        some = replace(signals, bare=scale * signals.bare, uncovered=scale * signals.uncovered)
-        assert told([replace(true_result, frame=frame, signals=some) for frame in range(3)]) == expected
+    for factor, expected in ((0.05, []), (1.5, [(0, 2, OUTLINE)])):
+        some = replace(signals, bare=factor * signals.bare, uncovered=factor * signals.uncovered)
+        results = [replace(true_result, frame=frame, signals=some) for frame in range(3)]
+        features = frame_features(results, np.ones((3, 2), bool), SETTINGS)
+        np.testing.assert_allclose(features[:, FRAME_FEATURES.index("outline")], np.sqrt(0.9 * factor))
+        assert told(results) == expected
 
 
 def test_where_little_is_known_of_the_joints_the_frame_is_doubtful_but_its_pixels_are_not(true_result):
     results = frames(true_result, 6, bare={4: 1.0, 5: 1.0})
     known, unknown = 0.9 * SETTINGS.joint_deviation, 1.1 * SETTINGS.joint_deviation
-    assert doubts(results, SETTINGS, deviations=np.full(6, known)) == doubts(results, SETTINGS)
-    found = doubts(results, SETTINGS, deviations=np.array([known, known, unknown, unknown, unknown, unknown]))
-    assert [(doubt.first, doubt.last, doubt.why) for doubt in found] == [(2, 5, UNTOLD), (4, 5, OUTLINE)]
+    assert doubted(results, deviations=np.full(6, known)) == doubted(results)
+    found = doubted(results, deviations=np.array([known, known, unknown, unknown, unknown, unknown]))
+    assert [(doubt.first, doubt.last, doubt.why) for doubt in found] == [(2, 3, UNTOLD), (4, 5, OUTLINE)]
     judged = trusted(results, found)
     assert [status for status, _ in judged] == ["ok", "ok", *["doubtful"] * 4]
     np.testing.assert_array_equal(judged[3][1], results[3].confidence)
@@ -201,7 +209,7 @@ def test_where_little_is_known_of_the_joints_the_frame_is_doubtful_but_its_pixel
 
 
 def test_where_the_selected_frames_are_wrong_all_are(true_result):
-    results = frames(true_result, 10, view_gaps=dict.fromkeys(range(3), 1.0))
+    results = frames(true_result, 10, view_gaps=dict.fromkeys(range(3), FAR))
     assert told(results) == [(0, 2, APART)]
     assert told(results, registered=(1, 20)) == [(0, 2, APART), (3, 9, REGISTERED)]
     assert told(results, registered=(1, 6)) == [(0, 2, APART), (3, 9, REGISTERED)]
@@ -226,6 +234,9 @@ def test_the_motion_carries_the_verdict(world, true_result, capsys):
     assert report_trust(motion) == NOT_TRUSTED
     assert f"frames 1-2: {OUTLINE}" in " ".join(capsys.readouterr().err.split())
     assert motion.provenance["outlier_cameras"] == []
+    risks = motion.provenance["risks"]
+    assert [risk > SETTINGS.risk for risk in risks["frame"]] == [False, True, True]
+    assert set(risks) == {"frame", *world.character.skeleton.limb_labels.values()}
     odd = {"camera": "cam1", "first": 0, "last": 2, "why": "it stood still"}
     report_trust(replace(motion, provenance=motion.provenance | {"outlier_cameras": [odd]}))
     assert "cam1 is left out of the verdict in frames 0-2: it stood still." in " ".join(capsys.readouterr().err.split())

@@ -12,6 +12,7 @@ from jaxmocap.search import Effort, SearchPlan
 from jaxmocap.track import FrameTracker, Tracker
 from jaxmocap.track._sequence import motion_of
 from jaxmocap.verdict import LostSpan, VerdictSettings, lost_spans
+from jaxmocap.verdict._features import LIMB_FEATURES, limb_features
 from jaxmocap.verdict._lost import FOREIGN, HIDDEN, JUMPING, LOST
 from jaxmocap.verdict._sequence_verdict import without_lost
 
@@ -26,8 +27,10 @@ def true_results(world):
     return [tracker.first(world.shown(frame), world.pose(frame)).result for frame in range(3)]
 
 
-def spans(world, results):
-    return lost_spans(results, world.character, 30.0, SETTINGS)
+def spans(world, results, frame_logit=-4.0):
+    skeleton, logit = world.character.skeleton, np.full(len(results), frame_logit)
+    features = limb_features(results, skeleton, logit)
+    return lost_spans(results, skeleton, features, logit > 0, SETTINGS)
 
 
 def test_the_truth_is_not_lost(world, true_results):
@@ -42,8 +45,20 @@ def test_every_reason_has_its_span(world, true_results):
     assert found == [LostSpan("right arm", 1, 1, HIDDEN), LostSpan("left leg", 2, 2, FOREIGN)]
     jumped = replace(true_results[1], pose=arm_away(world, 1))
     assert spans(world, [true_results[0], jumped, true_results[2]]) == [LostSpan("left arm", 1, 1, JUMPING)]
+    assert (
+        spans(world, [true_results[0], hidden, foreign], 7.0) == found
+    )  # of a wrong frame only what is its limbs' own
     gone = [replace(result, status="lost", limb_seen=np.zeros(4)) for result in true_results[1:]]
     assert spans(world, [true_results[0], *gone]) == [LostSpan("body", 1, 2, LOST)]
+
+
+def test_only_the_frame_that_leaps_is_far_from_its_neighbours(world, true_results):
+    jumped = replace(true_results[1], pose=arm_away(world, 1))
+    order = [true_results[0], true_results[0], jumped, true_results[2], true_results[2]]
+    found = limb_features(order, world.character.skeleton, np.zeros(5))[..., LIMB_FEATURES.index("leap")]
+    assert found[2, 0] > 1.0
+    found[2, 0] = 0.0
+    assert found.max() < 0.2
 
 
 def test_lost_parts_have_no_confidence_and_others_keep_theirs(world, true_results):
