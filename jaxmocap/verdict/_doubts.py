@@ -24,6 +24,10 @@ UNTOLD = (
     "the pictures tell too little of where the joints are, as where a single camera shows them: it does not see how "
     "far away they are; film with another one, 15 to 45 degrees beside it"
 )
+ALONE = (
+    "no two views can be compared, for a single one shows the person or they are more than 45 degrees apart, and the "
+    "pictures leave some doubt; look at the overlay, or film with another one in between"
+)
 REGISTERED = (
     "the pose at a selected frame is not to be trusted, and everything rests on it: look at the cameras, the offsets, "
     "the actor and the keypoints"
@@ -32,7 +36,7 @@ _REASONS = {
     APART: ("view gap", "wide view gap"),
     OUTLINE: ("outline",),
     UNEXPLAINED: ("cost",),
-    UNTOLD: ("alone",),
+    ALONE: ("alone",),
 }
 
 

@@ -44,7 +44,7 @@ class VerdictSettings:
         view_gap: metres that two views may show the body's surface apart, in the median over it, and agree.
         matched: share of the surface at which two views that agree show the same.
         steady: frames whose median counts for what is measured of a frame, and for cameras that contradict the others.
-        confidence: what a landmark of a doubtful frame has at most, unless only `joint_deviation` is the reason.
+        confidence: what a landmark of a doubtful frame has at most, unless only the pictures tell too little.
     """
 
     risk: float = 0.2

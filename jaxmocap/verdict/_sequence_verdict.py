@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from jaxmocap.character import Skeleton
 
-from ._doubts import UNTOLD, Doubt, doubts
+from ._doubts import ALONE, UNTOLD, Doubt, doubts
 from ._features import frame_features, limb_features
 from ._frame_verdict import FrameResult, VerdictSettings
 from ._lost import LostSpan, lost_spans
@@ -76,10 +76,10 @@ def _trust(
     result: FrameResult, found: Sequence[Doubt], settings: VerdictSettings
 ) -> tuple[str, Float[np.ndarray, "landmark"]]:
     """Status and confidence of a frame: "doubtful", if not "lost", where a doubt holds, with a confidence of at most
-    `settings.confidence` unless it is that the pictures tell too little."""
+    `settings.confidence` unless it is only that the pictures tell too little, or cannot be compared."""
     reasons = {doubt.why for doubt in found if doubt.first <= result.frame <= doubt.last}
     if reasons and result.energy:
-        most = 1.0 if reasons == {UNTOLD} else settings.confidence
+        most = 1.0 if reasons <= {ALONE, UNTOLD} else settings.confidence
         return "doubtful" if result.status == "ok" else result.status, np.minimum(result.confidence, most)
     return result.status, result.confidence
 

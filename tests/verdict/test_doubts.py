@@ -14,7 +14,7 @@ from jaxmocap.search import Evidence
 from jaxmocap.track import FrameTracker, Tracker
 from jaxmocap.track._sequence import motion_of
 from jaxmocap.verdict import FrameSignals, VerdictSettings, doubts, frame_signals, outlier_cameras
-from jaxmocap.verdict._doubts import APART, FAST, OUTLINE, REGISTERED, UNEXPLAINED, UNTOLD
+from jaxmocap.verdict._doubts import ALONE, APART, FAST, OUTLINE, REGISTERED, UNEXPLAINED, UNTOLD
 from jaxmocap.verdict._features import FRAME_FEATURES, frame_features
 from jaxmocap.verdict._outlier_camera import contradicted
 from jaxmocap.verdict._sequence_verdict import _trust
@@ -144,6 +144,17 @@ def test_a_camera_that_two_others_contradict_has_no_say(true_result, camera):
     assert told(results) == []
     assert odd(results) == [("abc"[camera], 0, 4)]
     assert [status for status, _ in trusted(results, doubted(results))] == ["ok"] * 5
+
+
+def test_where_no_views_can_be_compared_that_is_the_reason_of_what_doubt_there_is(true_result):
+    clear, unclear = (views(true_result, [], 2, unknown=(0, 1), uncovered=[share, share]) for share in (0.0, 0.1))
+    far = [
+        [replace(r, signals=replace(r.signals, view_gaps=np.full(2, np.nan))) for r in of] for of in (clear, unclear)
+    ]
+    assert told(far[0]) == []
+    assert told(far[1]) == [(0, 4, ALONE)]
+    assert [status for status, _ in trusted(far[1], doubted(far[1]))] == ["doubtful"] * 5
+    np.testing.assert_array_equal(trusted(far[1], doubted(far[1]))[0][1], far[1][0].confidence)
 
 
 def test_what_the_other_cameras_say_still_counts(true_result):
