@@ -91,7 +91,7 @@ class PersonProblem:
     ):
         self.centre, self.rig, self.beliefs, weight = centre, rig, beliefs, noise.weight
         self.cameras = len(rig.focal)
-        known = np.isfinite(points).all(-1)
+        known = np.asarray(np.isfinite(points).all(-1))
         self.known, number = known, np.cumsum(known).reshape(known.shape) - 1
         self.camera, frame, joint = np.nonzero(seen.seen & known)
         self.point = number[frame, joint]
@@ -235,7 +235,7 @@ class PersonProblem:
 
 def _left_jacobian(twists: Float[np.ndarray, " value"]) -> Float[np.ndarray, "camera 3 3"]:
     """How each camera's turn changes with its rotation vector; the first camera's is held."""
-    result = [np.eye(3)]
+    result: list[np.ndarray] = [np.eye(3)]
     for turn in twists.reshape(-1, 6)[:, :3]:
         angle = float(np.linalg.norm(turn))
         hat = np.cross(np.eye(3), turn)

@@ -33,9 +33,9 @@ def find_up(
     body = _body_axis(joints, -cam_from_world[:, 1, :3].mean(0))
     feet = joints[:, _FEET]
     under = 0.0
-    if np.isfinite(feet).all(-1).any(1).sum() < 10:
+    if np.isfinite(feet).all(-1).any(-1).sum() < 10:
         feet, under = joints[:, _ANKLES], _ANKLE_HEIGHT
-    feet = metres_per_unit * feet[np.isfinite(feet).all(-1).any(1)]
+    feet = metres_per_unit * feet[np.isfinite(feet).all(-1).any(-1)]
     sides = np.linalg.svd(body[None])[2][1:]
 
     def direction(values: np.ndarray) -> np.ndarray:

@@ -82,7 +82,7 @@ def refuse_without_person(capture: Capture, keypoints: np.ndarray | None) -> Non
     still = "cameras that stand still are placed by the person's keypoints"
     if keypoints is None or capture.keypoints_folder is None:
         raise InputError(f"{still}, and capture '{capture.name}' has none: {detect}")
-    has = (keypoints[..., 2] >= CONFIDENT).any(axis=(1, 2))
+    has = np.asarray((keypoints[..., 2] >= CONFIDENT).any(axis=(1, 2)))
     with_them = [name for name, one in zip(capture.camera_names, has, strict=True) if one]
     without = [name for name, one in zip(capture.camera_names, has, strict=True) if not one]
     if without:

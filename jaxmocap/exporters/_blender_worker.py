@@ -8,7 +8,7 @@ import json
 import sys
 from pathlib import Path
 
-import bpy
+import bpy  # pyright: ignore[reportMissingImports]
 import numpy
 
 if "bool" not in vars(numpy):

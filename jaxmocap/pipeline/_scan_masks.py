@@ -71,8 +71,8 @@ def find_outlines(
     for file, mask in zip(files, masks, strict=True):
         if mask is None or not mask.any():
             raise InputError(f"nobody is found in {file.name}; take the picture out, or give masks with --masks.")
-    found = np.stack([_enlarged(mask, size) for mask, size in zip(masks, cameras.sizes, strict=True)])
-    return Outlines(found, upright)
+    pairs = zip(masks, cameras.sizes, strict=True)
+    return Outlines(np.stack([_enlarged(mask, size) for mask, size in pairs if mask is not None]), upright)
 
 
 def _write_capture(folder: Path, files: Sequence[Path], cameras: Cameras) -> None:

@@ -185,4 +185,4 @@ def _offsets(
     fair = sum(normal @ bending @ normal for normal in along)
     rough = sum(normal @ (bending @ vertices[:, axis]) for axis, normal in enumerate(along))
     matrix = moved.T @ weighted + STIFF * bending + FAIR * fair + 1e-6 * sparse.eye_array(len(vertices))
-    return spsolve(sparse.csc_array(matrix), weighted.T @ offset - FAIR * rough)
+    return np.asarray(spsolve(sparse.csc_array(matrix), weighted.T @ offset - FAIR * rough))

@@ -170,9 +170,9 @@ class PoseScore:
         places = np.argsort(np.arange(ROWS) % jax.local_device_count(), kind="stable").argsort()[: len(moved)]
         increments, live = np.zeros((ROWS, moved.shape[1]), np.float32), np.zeros(ROWS, bool)
         increments[places], live[places] = moved, True
-        rows = jax.device_put((increments, live))
+        increments, live = jax.device_put((increments, live))
         while True:
-            scores = _score(self.energy, group, *rows, self.capacity)
+            scores = _score(self.energy, group, increments, live, self.capacity)
             needed = int(scores.needed)
             if needed <= self.capacity:
                 return np.asarray(scores.total)[places], np.asarray(scores.terms)[places]
