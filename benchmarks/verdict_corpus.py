@@ -3,10 +3,11 @@
     python benchmarks/verdict_corpus.py CORPUS [--seeds 0:60] [--workers 2] [--real ../shared/data]
 
 Every seed draws a film: routine, speed, a jump, the side from which the actor is seen, clothes, scenery, light, motion
-blur, noise, shake, angle and number of cameras, size and compression, the actor's own mesh or a body made to measure.
-It is tracked as it is, and once with one of the mistakes of `broken_captures.py`. Even seeds are for fitting, odd ones
-for judging (`half_of`). `--real` adds the cases of `verdicts.py` and real captures, which nothing is fitted to.
-CORPUS/NAME.npz holds what the tracker saw and the errors of the joints; a run that is there is not done again.
+blur, noise, shake, angle and number of cameras, size, the actor's own mesh or a body made to measure. It is tracked as
+it is, and with two of the mistakes of `broken_captures.py`. Even seeds are for fitting, odd ones for judging
+(`half_of`). `--real` tracks the cases of `verdicts.py` and real captures instead, which nothing is fitted to.
+CORPUS/NAME.npz holds what the tracker saw and the errors of the joints; a run that is there is not done again, and one
+that fails is told with its traceback and tried again by the next call.
 """
 
 import argparse
@@ -60,7 +61,6 @@ class Tracked(NamedTuple):
     name: str
     results: list[FrameResult]
     character: Character | None
-    fps: float
     registered: tuple[int, ...]
     cameras: tuple[str, ...]
     truth: np.ndarray
@@ -140,9 +140,7 @@ def moving(film: dict[str, Any]) -> Motion:
 
 
 def filmed(seed: int, folder: Path) -> Path:
-    """Film a seed into a folder, once."""
-    if (folder / "capture.toml").is_file():
-        return folder
+    """Film a seed into a folder."""
     film = drawn_film(seed)
     capture = make_capture(
         NUM_FRAMES,
@@ -173,7 +171,7 @@ def without_actor(folder: Path) -> Path:
 
 
 def damaged(film: dict[str, Any], kind: str, source: Path, folder: Path) -> Path:
-    """Copy a film with a mistake."""
+    """Copy a film with a mistake, or as it is: "good" and "flow", whose mistake is the tracker's."""
     amount = film["amount"]
     sign = 1 if amount > 0.5 else -1
     if kind == "focal":
@@ -192,20 +190,17 @@ def damaged(film: dict[str, Any], kind: str, source: Path, folder: Path) -> Path
     return one_camera(source, folder) if kind == "alone" else copied(source, folder)
 
 
-def synthetic(seed: int, mistake: int | None) -> Sample:
-    """A seed's film as it is, or with one of its mistakes."""
+def synthetic(name: str) -> Sample:
+    """A seed's film as it is, or with one of its mistakes: "0007_good", "0007_turned"."""
+    seed, kind = int(name[:4]), name[5:]
     film = drawn_film(seed)
-    kind = "good" if mistake is None else film["mistakes"][mistake]
 
     def make(folder: Path) -> Path:
-        source = filmed(seed, folder / "film")
-        capture = (
-            damaged(film, kind, source, folder / "capture") if kind != "good" else copied(source, folder / "capture")
-        )
+        capture = damaged(film, kind, filmed(seed, folder / "film"), folder / "capture")
         return without_actor(capture) if film["generic"] and kind != "actor" else capture
 
     settings = FLOW_ALONE if kind == "flow" else {}
-    return Sample(f"{seed:04d}_{kind}", make, film["quality"], None, settings, film | {"kind": kind})
+    return Sample(name, make, film["quality"], None, settings, film | {"kind": kind})
 
 
 def real(data: Path) -> list[Sample]:
@@ -238,11 +233,9 @@ def tracked(sample: Sample, folder: Path) -> Tracked:
     except InputError as error:
         nothing = np.zeros((0, 0))
         about["refused"] = str(error)
-        return Tracked(sample.name, [], None, 0.0, (), (), nothing, (), nothing, (), about)
+        return Tracked(sample.name, [], None, (), (), nothing, (), nothing, (), about)
     positions = np.array([result.frame for result in results])
-    poses = Pose(
-        *(jax.numpy.stack(leaf) for leaf in zip(*((r.pose.root, r.pose.angles) for r in results), strict=True))
-    )
+    poses = jax.tree.map(lambda *leaves: jax.numpy.stack(leaves), *(result.pose for result in results))
     numbers, moments = capture.video_frames[0][positions], capture.timestamps[positions]
     motion = Motion.from_poses(character, poses, numbers, moments)
     truth, evaluated = Truth.read(capture.truth).at(motion)
@@ -252,7 +245,6 @@ def tracked(sample: Sample, folder: Path) -> Tracked:
         sample.name,
         results,
         character,
-        capture.fps,
         chosen,
         capture.camera_names,
         np.asarray(truth.joints),
@@ -263,13 +255,13 @@ def tracked(sample: Sample, folder: Path) -> Tracked:
     )
 
 
-def work(task: tuple[Sample | tuple[int, int | None], Path]) -> str:
-    """Do one run, if it is not done."""
-    which, out = task
-    sample = which if isinstance(which, Sample) else synthetic(*which)
-    file = out / f"{sample.name}.npz"
+def work(task: tuple[str, Path | None, Path]) -> str:
+    """Do the run of a name, if it is not done; real ones are of the captures in a folder."""
+    name, data, out = task
+    file = out / f"{name}.npz"
     if file.is_file():
-        return f"{sample.name}: done before"
+        return f"{name}: done before"
+    sample = synthetic(name) if data is None else next(one for one in real(data) if one.name == name)
     try:
         with tempfile.TemporaryDirectory() as folder:
             found = tracked(sample, Path(folder))
@@ -296,20 +288,14 @@ def main() -> int:
     options = parser.parse_args()
     options.corpus.mkdir(parents=True, exist_ok=True)
     first, stop = map(int, options.seeds.split(":"))
-    tasks: list = [(seed, damage) for seed in range(first, stop) for damage in (None, 0, 1)]
+    names = [f"{seed:04d}_{kind}" for seed in range(first, stop) for kind in ("good", *drawn_film(seed)["mistakes"])]
     if options.real is not None:
-        tasks = [("real", name, options.real) for name in (s.name for s in real(options.real))]
+        names = [sample.name for sample in real(options.real)]
+    tasks = [(name, options.real, options.corpus) for name in names]
     with multiprocessing.get_context("spawn").Pool(options.workers, maxtasksperchild=12) as pool:
-        for number, line in enumerate(pool.imap_unordered(_named, [(t, options.corpus) for t in tasks]), 1):
+        for number, line in enumerate(pool.imap_unordered(work, tasks), 1):
             print(f"[{number}/{len(tasks)}] {line}", flush=True)
     return 0
-
-
-def _named(task):
-    which, out = task
-    if which[0] == "real":
-        which = next(sample for sample in real(which[2]) if sample.name == which[1])
-    return work((which, out))
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
     The pelvis and the centres of the cameras move straight, rotations about one axis, and joint angles, which must
     not jump (`continuous`), evenly. A status is the worse of the two frames' between which it lies, and a part is
     lost between two frames if it is in one of them; contacts last from the time of their first frame to that of their
-    last; energies are left out. Raises `InputError` for times outside the motion's.
+    last; energies and risks are left out. Raises `InputError` for times outside the motion's.
     """
     times = np.asarray(times, np.float64)
     begin, end = motion.timestamps[[0, -1]]
@@ -83,13 +83,14 @@ def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
 
 
 def _provenance_at(motion: Motion, times: Float[np.ndarray, " time"]) -> dict[str, Any]:
-    """Count the spans of frames in the provenance in the new frames; those that none is left of are dropped."""
+    """Count the spans of frames in the provenance in the new frames; what is left of none, and risks, are dropped."""
     counted = {}
     for name, speaks_of in _SPANS.items():
         if name in motion.provenance:
             spans = [_span_at(motion, span, times, speaks_of) for span in motion.provenance[name]]
             counted[name] = [span for span in spans if span is not None]
-    return {**motion.provenance, **counted}
+    kept = {name: value for name, value in motion.provenance.items() if name != "risks"}
+    return {**kept, **counted}
 
 
 def _span_at(

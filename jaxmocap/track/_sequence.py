@@ -125,7 +125,7 @@ def motion_of(
     a part is lost, whose landmarks have no confidence, and `provenance["outlier_cameras"]` those in which a camera
     shows the body elsewhere than the others, by which alone these frames are judged; all in frames of the first video
     like the motion's own. `provenance["risks"]` has the probabilities that a "frame" is wrong and that a limb is, one
-    per frame.
+    for each of its "frames".
     """
     capture, character = observations.capture, observations.character
     settings = verdict or VerdictSettings()
@@ -143,6 +143,8 @@ def motion_of(
             Contact(name, int(numbers[positions[first]]), int(numbers[positions[last]]))._asdict()
             for name, first, last in contacts
         ]
+    names, each = ("frame", *character.skeleton.limb_labels.values()), (judged.risk, *judged.limb_risk.T)
+    risks = {name: np.round(risk, 3).tolist() for name, risk in zip(names, each, strict=True)}
     terms = sorted({name for result in results for name in result.energy})
     seconds = [sum(result.seconds.values()) for result in results]
     return Motion.from_poses(
@@ -163,12 +165,7 @@ def motion_of(
                 ]
                 for name in ("lost", "doubts", "outlier_cameras")
             },
-            "risks": {
-                name: np.round(risk, 3).tolist()
-                for name, risk in zip(
-                    ("frame", *character.skeleton.limb_labels.values()), (judged.risk, *judged.limb_risk.T), strict=True
-                )
-            },
+            "risks": {"frames": numbers[positions].tolist(), **risks},
             **clip_record,
             **(provenance or {}),
         },

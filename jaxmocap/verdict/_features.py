@@ -1,7 +1,8 @@
 """What is measured of frames and limbs to tell right answers from wrong ones, on scales that films share."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -115,7 +116,7 @@ def _beyond(cost: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     return np.maximum(cost - _EXPLAINED, 0.0)
 
 
-def _over_views(mean, values: Float[np.ndarray, "frame *view"]) -> Float[np.ndarray, "frame"]:
+def _over_views(mean: Callable[..., Any], values: Float[np.ndarray, "frame *view"]) -> Float[np.ndarray, "frame"]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of frames that show nothing: NaN
         return mean(values.reshape(len(values), -1), axis=1)
@@ -126,7 +127,7 @@ def _steady(values: Float[np.ndarray, "frame"], settings: VerdictSettings) -> Fl
     return steadied(np.where(np.isfinite(values), values, _or_zero(np.nanmedian, values)), settings.steady)
 
 
-def _or_zero(mean, values: np.ndarray) -> float:
+def _or_zero(mean: Callable[..., Any], values: np.ndarray) -> float:
     return float(mean(values)) if np.isfinite(values).any() else 0.0
 
 

@@ -175,7 +175,8 @@ def test_contacts_at_other_times_begin_and_end_when_they_did(motion):
 
 def test_what_lies_between_a_lost_frame_and_the_next_is_not_trusted(motion):
     spans = [{"part": "left arm", "first": 5, "last": 5, "why": "hidden"}]
-    lost = replace(motion, provenance={"lost": spans}, status=np.full(6, "ok"), cameras=None)
+    risks = {"frames": motion.frames.tolist(), "frame": [0.0] * 6}
+    lost = replace(motion, provenance={"lost": spans, "risks": risks}, status=np.full(6, "ok"), cameras=None)
     finer = at_times(lost, lost.timestamps[0] + np.arange(11) / 60)
     assert finer.trusted.tolist() == [True] * 9 + [False] * 2
-    assert at_times(lost, lost.timestamps[:4]).provenance["lost"] == []
+    assert at_times(lost, lost.timestamps[:4]).provenance == {"lost": []}

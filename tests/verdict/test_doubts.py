@@ -247,7 +247,8 @@ def test_the_motion_carries_the_verdict(world, true_result, capsys):
     assert motion.provenance["outlier_cameras"] == []
     risks = motion.provenance["risks"]
     assert [risk > SETTINGS.risk for risk in risks["frame"]] == [False, True, True]
-    assert set(risks) == {"frame", *world.character.skeleton.limb_labels.values()}
+    assert risks["frames"] == motion.frames.tolist()
+    assert set(risks) == {"frames", "frame", *world.character.skeleton.limb_labels.values()}
     odd = {"camera": "cam1", "first": 0, "last": 2, "why": "it stood still"}
     report_trust(replace(motion, provenance=motion.provenance | {"outlier_cameras": [odd]}))
     assert "cam1 is left out of the verdict in frames 0-2: it stood still." in " ".join(capsys.readouterr().err.split())
