@@ -61,6 +61,7 @@ from .viewers import (
 )
 from jaxmocap.pipeline import track_capture as track_capture
 from jaxmocap.pipeline import RunResult as RunResult, run as run
+from jaxmocap.pipeline import Batch as Batch, TakeResult as TakeResult, batch as batch
 from jaxmocap.pipeline import Diagnosis as Diagnosis
 from jaxmocap.pipeline import doctor as doctor
 from .experiments import Benchmark as Benchmark, bench as bench

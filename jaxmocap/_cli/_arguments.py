@@ -91,6 +91,14 @@ Settings = Annotated[
         help_behavior_hint="",
     ),
 ]
+Workers = Annotated[
+    int | None,
+    tyro.conf.arg(metavar="N", help="Processes, through Dask.", help_behavior_hint="(default: one per four cores)"),
+]
+Scheduler = Annotated[
+    str | None,
+    tyro.conf.arg(metavar="ADDRESS", help="A Dask cluster that is running, or its file.", help_behavior_hint=""),
+]
 Weights = Annotated[
     Path | None,
     tyro.conf.arg(

@@ -7,7 +7,7 @@ import tyro
 
 from jaxmocap._results import InputError
 
-from ._arguments import FrameSpan, Json, frame_span
+from ._arguments import FrameSpan, Json, Scheduler, Workers, frame_span
 from ._output import progress, say, show
 
 WORSE = 1
@@ -55,14 +55,8 @@ def bench(
             metavar="figures.json", help="Exit with 1 if a figure is worse than in this file.", help_behavior_hint=""
         ),
     ] = None,
-    workers: Annotated[
-        int | None,
-        tyro.conf.arg(metavar="N", help="Processes, through Dask.", help_behavior_hint="(default: one per four cores)"),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        tyro.conf.arg(metavar="ADDRESS", help="A Dask cluster that is running, or its file.", help_behavior_hint=""),
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     retry_failed: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Do runs again that failed.")] = False,
     json: Json = False,
 ) -> int:

@@ -10,6 +10,7 @@ from jaxmocap._results import InputError
 from jaxmocap._runtime import configure
 
 from ._annotate import annotate
+from ._batch import batch
 from ._bench import bench
 from ._body import body
 from ._calibrate import calibrate
@@ -53,7 +54,7 @@ _GROUPS = {
         "import-dataset": import_dataset,
     },
     "Make an actor": {"scan": scan, "rig": rig, "body": body, "fit-character": fit_character},
-    "Track": {"register": register, "track": track, "refine-cameras": refine_cameras},
+    "Track": {"register": register, "track": track, "batch": batch, "refine-cameras": refine_cameras},
     "Look and take away": {
         "view": view,
         "report-page": report_page,

@@ -8,6 +8,7 @@ from ._atomic import (
     npz_bytes as npz_bytes,
     plain as plain,
     write_bytes as write_bytes,
+    write_csv as write_csv,
     write_json as write_json,
     write_text as write_text,
 )

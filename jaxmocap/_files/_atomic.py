@@ -5,13 +5,14 @@ old file or the new one, and a run that dies in the middle leaves neither a half
 """
 
 import contextlib
+import csv
 import io
 import json
 import math
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,15 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
     """Write `value` to `path` atomically as indented JSON. Values that are not finite become null."""
     write_text(path, json_text(value))
+
+
+def write_csv(path: str | os.PathLike[str], head: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a table to `path` atomically, its first row the `head`; None becomes an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    write_text(path, text.getvalue())
 
 
 def write_npz(path: str | os.PathLike[str], arrays: Mapping[str, np.ndarray]) -> None:

@@ -1,16 +1,16 @@
 """Many runs: each is done once, whatever happens to the others or to the process."""
 
 import json
-import os
 import time
-import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from jaxmocap._cache import code_hash
 from jaxmocap._files import write_json, write_text
 from jaxmocap._results import InputError
+from jaxmocap.pipeline import Failure, on_workers
 
 from ._perform import perform
 from ._run import Run
@@ -36,10 +36,9 @@ def sweep(
     again: a sweep that was killed goes on where it stopped. A run that fails is recorded with its error and does not
     stop the rest; `retry_failed` does those again. Synthetic captures are kept in `captures` (default `out/captures`).
 
-    `workers` processes share the runs through Dask where the extra `cluster` is installed: by default one for every
-    four cores, and 0 or 1 stay in this process. `scheduler` is the address or scheduler file of a Dask cluster that is
-    running, on several machines say; `out` must then be a folder that all of them see. Raises `InputError` when `out`
-    holds runs of other code: figures of two versions are never mixed.
+    `workers` processes share the runs, or a Dask cluster whose `scheduler` is named, as `on_workers` says; `out` must
+    then be a folder that all of them see. Raises `InputError` when `out` holds runs of other code: figures of two
+    versions are never mixed.
     """
     _refuse_other_code(out)
     captures = out / CAPTURES if captures is None else captures
@@ -52,7 +51,9 @@ def sweep(
     done, total = len(todo) - len(open_runs), len(todo)
     tell = progress or (lambda stage, done, total: None)
     tell("runs", done, total)
-    for record in _records(_by_capture(open_runs), out, captures, workers, scheduler):
+    call = partial(attempt, out=out.resolve(), captures=captures.resolve())
+    died = partial(_failed, out=out, seconds=float("nan"))
+    for record in on_workers(call, _by_capture(open_runs), died, workers, scheduler):
         known[record["key"]] = record
         done += 1
         tell("runs", done, total)
@@ -82,17 +83,21 @@ def attempt(run: Run, out: Path, captures: Path) -> dict[str, Any]:
         record, motion = perform(run, captures)
         motion.save(out / MOTIONS / run.key, overwrite=True)
     except Exception as error:
-        usual = isinstance(error, InputError)
-        message = str(error) if usual else "".join(traceback.format_exception_only(error)).strip()
-        record = {
-            "key": run.key,
-            "status": "failed",
-            **{name: value for name, value in run.described().items() if name != "capture"},
-            "capture": run.capture_name,
-            "error": message,
-            "traceback": None if usual else traceback.format_exc(),
-            "seconds": time.perf_counter() - begin,
-        }
+        return _failed(run, error, out, time.perf_counter() - begin)
+    write_json(out / RUNS / f"{run.key}.json", record)
+    return record
+
+
+def _failed(run: Run, error: BaseException, out: Path, seconds: float) -> dict[str, Any]:
+    """Write the record of a run that failed, and return it."""
+    record = {
+        "key": run.key,
+        "status": "failed",
+        **{name: value for name, value in run.described().items() if name != "capture"},
+        "capture": run.capture_name,
+        **Failure.of(error)._asdict(),
+        "seconds": seconds,
+    }
     write_json(out / RUNS / f"{run.key}.json", record)
     return record
 
@@ -100,31 +105,3 @@ def attempt(run: Run, out: Path, captures: Path) -> dict[str, Any]:
 def _by_capture(runs: Sequence[Run]) -> list[Run]:
     """Sort runs so that those that share a registration are beside each other."""
     return sorted(runs, key=lambda run: (run.capture_name, str(run.inputs), run.seed, str(run.appearance)))
-
-
-def _records(
-    runs: Sequence[Run], out: Path, captures: Path, workers: int | None, scheduler: str | None
-) -> Iterator[dict[str, Any]]:
-    try:
-        import distributed  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        if (workers or 0) > 1 or scheduler is not None:
-            raise InputError(
-                "several workers need Dask, which is not installed; run pip install 'jaxmocap[cluster]', or leave "
-                "--workers and --scheduler out."
-            ) from None
-        distributed = None
-    workers = (os.cpu_count() or 1) // 4 if workers is None else workers
-    if distributed is None or (scheduler is None and (workers < 2 or len(runs) < 2)):
-        yield from (attempt(run, out, captures) for run in runs)
-        return
-    if scheduler is not None and Path(scheduler).is_file():
-        client = distributed.Client(scheduler_file=scheduler)
-    elif scheduler is not None:
-        client = distributed.Client(scheduler)
-    else:
-        client = distributed.Client(n_workers=min(workers, len(runs)), threads_per_worker=1, dashboard_address=None)
-    with client:
-        futures = [client.submit(attempt, run, out.resolve(), captures.resolve(), pure=False) for run in runs]
-        for _, record in distributed.as_completed(futures, with_results=True):
-            yield record

@@ -1,14 +1,12 @@
 """The tidy table, a row per trial with settings and seed beside what came out; and what its rows say: tables of medians
 with their spread and of paired differences, as text for HTML and Markdown."""
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jaxmocap._files import atomic_path, write_text
+from jaxmocap._files import atomic_path, write_csv
 from jaxmocap._results import InputError
 
 from ._run import Trial
@@ -47,24 +45,18 @@ def write_table(rows: Sequence[Row], path: Path) -> Path:
     if path.suffix == ".parquet":
         _write_parquet(columns, path)
         return path
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(zip(*columns.values(), strict=True))
-    write_text(path, text.getvalue())
+    write_csv(path, COLUMNS, zip(*columns.values(), strict=True))
     return path
 
 
 def write_frames(rows: Sequence[Row], path: Path) -> Path:
     """Write the error of every frame, a row each: run, frame, centimetres."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("key", "capture", "method", "seed", "frame", "marker_error_cm"))
+    lines = []
     for row in {row["key"]: row for row in rows}.values():
         errors = row.get("error_per_frame_cm") or []
         for frame, error in zip(row.get("frame_numbers", [])[: len(errors)], errors, strict=True):
-            writer.writerow((row["key"], row["capture"], row["method"], row["seed"], frame, error))
-    write_text(path, text.getvalue())
+            lines.append((row["key"], row["capture"], row["method"], row["seed"], frame, error))
+    write_csv(path, ("key", "capture", "method", "seed", "frame", "marker_error_cm"), lines)
     return path
 
 

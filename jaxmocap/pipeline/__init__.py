@@ -1,5 +1,6 @@
 """What a verb does with folders: synchronise, detect, calibrate, register, track; run folders, defaults, doctor."""
 
+from ._batch import Batch as Batch, batch as batch
 from ._calibrate import calibrate as calibrate
 from ._defaults import (
     MaskRecord as MaskRecord,
@@ -19,8 +20,10 @@ from ._run import RunResult as RunResult, run as run
 from ._run_plan import PlannedStage as PlannedStage
 from ._scan import ScannedActor as ScannedActor, scan as scan
 from ._synchronise import sync as sync
+from ._take_result import TakeResult as TakeResult
 from ._track_capture import (
     open_character as open_character,
     registration_record as registration_record,
     track_capture as track_capture,
 )
+from ._workers import Failure as Failure, on_workers as on_workers

@@ -66,11 +66,7 @@ def character_of(
     """
     tell = say or (lambda sentence: None)
     if actor is not None or capture.actor is not None:
-        if height is not None:
-            raise InputError(
-                f"a height is given ({height:g} m), which is for the body that is made where there is no actor, and an "
-                f"actor too ({actor or capture.actor}); leave one of them out."
-            )
+        refuse_height_beside_actor(capture, actor, height)
         named = actor if actor is not None else capture.actor
         assert named is not None
         return MadeBody(open_actor(named, say))
@@ -99,6 +95,15 @@ def character_of(
     made = cached_stage("body", inputs, make) if cache else make()
     tell(made.sentence)
     return made
+
+
+def refuse_height_beside_actor(capture: Capture, actor: str | Path | None, height: float | None) -> None:
+    """Raise `InputError` where a height is given and an actor too."""
+    if height is not None and (actor or capture.actor) is not None:
+        raise InputError(
+            f"a height is given ({height:g} m), which is for the body that is made where there is no actor, and an "
+            f"actor too ({actor or capture.actor}); leave one of them out."
+        )
 
 
 def no_actor(capture: Capture) -> Finding:

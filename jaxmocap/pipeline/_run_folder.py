@@ -32,6 +32,18 @@ def finished(out: Path) -> bool:
     return (out / "motion.npz").is_file()
 
 
+def unfinished(out: Path) -> bool:
+    """Tell whether the folder holds a run that can be gone on with."""
+    return Checkpoint(out / _CHECKPOINT).exists and not finished(out)
+
+
+def refuse_foreign(out: Path) -> tuple[str, ...]:
+    """Raise `InputError` if `out` holds anything but an unfinished run; return the names of what may stay there."""
+    keep = tuple(entry.name for entry in out.iterdir()) if unfinished(out) else (_CHECKPOINT,)
+    check_output(out, keep=keep)
+    return keep
+
+
 @contextlib.contextmanager
 def run_folder(out: Path, *, resume: bool = False) -> Iterator[RunFolder]:
     """Claim `out` for a run.
@@ -42,14 +54,12 @@ def run_folder(out: Path, *, resume: bool = False) -> Iterator[RunFolder]:
     Raises `InputError` if another process is at work in `out`, if it holds anything but an unfinished run of ours, or
     if it holds one and `resume` is off.
     """
-    checkpoint = out / _CHECKPOINT
-    unfinished = Checkpoint(checkpoint).exists and not finished(out)
-    keep = tuple(entry.name for entry in out.iterdir()) if unfinished else (_CHECKPOINT,)
-    check_output(out, keep=keep)
+    checkpoint, goes_on = out / _CHECKPOINT, unfinished(out)
+    keep = refuse_foreign(out)
     created = not out.exists()
     try:
         with only_run(checkpoint, out):
-            if unfinished and not resume:
+            if goes_on and not resume:
                 raise InputError(
                     f"the folder {out} holds an unfinished run; go on with --resume (resume=True), choose another "
                     "folder, or delete it."

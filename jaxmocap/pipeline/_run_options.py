@@ -95,3 +95,19 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
             "far the first two cameras stand apart with --camera-distance METRES"
         )
     return indices
+
+
+def span_within(frames: tuple[int, int | None], num_frames: int) -> tuple[int, int] | None:
+    """Find the frames to track, within those the videos share; None for all of them.
+
+    Raises `InputError` for a span that goes beyond them, or holds none.
+    """
+    first, stop = frames
+    if first == 0 and stop is None:
+        return None
+    behind = num_frames if stop is None else stop
+    if not 0 <= first < behind <= num_frames:
+        raise InputError(
+            f"frames {first}:{behind} were asked for, but the videos share {num_frames} frames, 0 to {num_frames - 1}"
+        )
+    return first, behind

@@ -22,6 +22,7 @@ from ._defaults import with_selected_frames
 from ._detect import DETECTION_REPORT, detect
 from ._made_to_measure import character_of
 from ._run_inputs import RunInputs
+from ._run_options import span_within
 from ._scan import scan
 from ._synchronise import sync
 from ._synchronise_by_person import sync_by_person
@@ -43,19 +44,6 @@ class RunWork(RunInputs):
 
     def _open(self, with_cameras: bool = True) -> Capture:
         return Capture.open(self.folder, with_cameras=with_cameras)
-
-    def _span(self, capture: Capture) -> tuple[int, int] | None:
-        """Find the frames to track, within those the videos share."""
-        first, stop = self.options.frames
-        if first == 0 and stop is None:
-            return None
-        behind = capture.num_frames if stop is None else stop
-        if not 0 <= first < behind <= capture.num_frames:
-            raise InputError(
-                f"frames {first}:{behind} were asked for, but the videos share {capture.num_frames} frames, 0 to "
-                f"{capture.num_frames - 1}"
-            )
-        return first, behind
 
     def _set(self, **lines: Any) -> None:
         file = config_path(self.folder)
@@ -143,7 +131,7 @@ class RunWork(RunInputs):
             camera_distance=options.camera_distance,
             focal=dict(options.focal),
             static=options.static or None,
-            frames=self._span(self._open(with_cameras=False)),
+            frames=span_within(options.frames, self._open(with_cameras=False).num_frames),
             seed=options.seed,
             say=self.say,
             progress=self.progress,
@@ -210,7 +198,7 @@ class RunWork(RunInputs):
             folder,
             quality=options.quality,
             seed=options.seed,
-            frames=self._span(capture),
+            frames=span_within(options.frames, capture.num_frames),
             progress=self.progress,
             detections=capture.keypoints_folder if options.detections else None,
             say=lambda sentence: self.say(sentence.replace(" with --resume", "")),  # a run goes on by itself

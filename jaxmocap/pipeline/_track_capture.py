@@ -32,7 +32,7 @@ from jaxmocap.registration import Registration, masks_of, read_pose_file
 from jaxmocap.rigging import open_actor
 from jaxmocap.track import Checkpoint, Tracker, motion_of, track_frames, with_settings
 from jaxmocap.verdict import FrameResult
-from jaxmocap.viewers import overlay_videos, report_page
+from jaxmocap.viewers import REPORT_PAGE, overlay_videos, report_page
 
 from ._defaults import MaskRecord, mask_record, say_doubts, with_selected_frames
 from ._made_to_measure import character_of
@@ -163,7 +163,10 @@ def track_capture(
         "choice of frames with detections": None if detections_frames is None else sorted(detections_frames),
     }
     if resume and finished(out):
-        return _finished_motion(out, run_inputs)
+        motion = _finished_motion(out, run_inputs)
+        if not (out / REPORT_PAGE).is_file():  # a run was killed before it wrote the page
+            report_page(out, capture=capture, say=say)
+        return motion
     with run_folder(out, resume=resume) as (staging, kept_in):
         checkpoint = Checkpoint(kept_in, run_inputs)
         capture, selection = with_selected_frames(capture, overrides, say)

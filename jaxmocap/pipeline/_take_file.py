@@ -1,0 +1,94 @@
+"""`takes.toml`: a list of takes, each with what is known of its person and cameras."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from jaxmocap._results import InputError
+
+_OF_VIDEOS = ("camera_distance", "focal", "scan", "person", "keypoints", "static")
+
+
+class TakeEntry(BaseModel):
+    """One `[[take]]`: a capture, or videos; paths are relative to the file's folder.
+
+    Attributes:
+        name: of the folder of its result; by default the capture folder's.
+        capture: a capture folder, tracked as `jaxmocap track` does.
+        videos: of the same moment, of which a motion is made as `jaxmocap run` does.
+        frames: (first, behind the last).
+        height: of the person, metres.
+        actor: the person's character or scan.
+        camera_distance: of videos, as are those below and as `run` has them: metres between the first two cameras.
+        focal: pixels, by camera.
+        scan: a video once around the person, or a folder of pictures.
+        person: pixel on the person in the first picture, by camera.
+        keypoints: folder of a detector's files.
+        static: whether all cameras stand still.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    name: Annotated[str, Field(pattern=r"^\w[\w.\- ]*$")] | None = None
+    capture: str | None = None
+    videos: Annotated[list[str], Field(min_length=1)] | None = None
+    frames: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
+    height: FiniteFloat | None = None
+    actor: str | None = None
+    camera_distance: FiniteFloat | None = None
+    focal: dict[str, FiniteFloat] | None = None
+    scan: str | None = None
+    person: dict[str, Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]] | None = None
+    keypoints: str | None = None
+    static: bool | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "TakeEntry":
+        if (self.capture is None) == (self.videos is None):
+            raise ValueError('a take has either capture = "FOLDER" or videos = ["FILE", ...]')
+        if self.videos is not None and self.name is None:
+            raise ValueError("a take of videos needs a name")
+        beside = [name for name in _OF_VIDEOS if getattr(self, name) is not None]
+        if self.capture is not None and beside:
+            raise ValueError(f"{beside[0]} is for takes of videos; a capture has its cameras and keypoints")
+        return self
+
+    def given(self, folder: Path, *names: str) -> dict[str, Any]:
+        """Collect those of the values `names` that are given, paths as they are from `folder`."""
+        found = {name: value for name in names if (value := getattr(self, name)) is not None}
+        paths = ("actor", "scan", "keypoints")
+        tuples = {"frames": tuple(self.frames or ()), "person": {k: tuple(v) for k, v in (self.person or {}).items()}}
+        return {name: folder / value if name in paths else tuples.get(name, value) for name, value in found.items()}
+
+
+class _TakeFile(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    take: Annotated[list[TakeEntry], Field(min_length=1)]
+
+
+def read_take_file(file: Path) -> list[TakeEntry]:
+    """Read a list of takes. Raises `InputError` for a file that is no such list, naming the take."""
+    try:
+        return _TakeFile.model_validate(tomllib.loads(file.read_text(encoding="utf-8-sig"))).take
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file} cannot be read as UTF-8 text: {error}") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{file} is not valid TOML: {error}") from error
+    except ValidationError as error:
+        raise InputError(_sentence(file, error.errors()[0])) from error
+
+
+def _sentence(file: Path, error: Any) -> str:
+    _, *where = error["loc"] or ("take",)
+    number = f"take {where[0] + 1}" if where else "the list of takes"
+    what = ".".join(str(part) for part in where[1:])
+    if error["type"] == "extra_forbidden":
+        known = ", ".join(TakeEntry.model_fields) if where else "take"
+        return f"{file}: {number} has the unknown key {what or error['loc'][0]!r}; expected one of {known}"
+    if error["type"] == "value_error":
+        return f"{file}: {number}: {error['ctx']['error']}"
+    if error["type"] == "missing":
+        return f"{file} lists no takes; expected a [[take]] section for each, with capture or videos"
+    found = f"{what or 'take'} = {error['input']!r}"[:80]
+    return f"{file}: {number}: {found} cannot be used: {error['msg'][0].lower()}{error['msg'][1:]}"
