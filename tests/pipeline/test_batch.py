@@ -1,0 +1,284 @@
+"""Many takes: each is brought to its result once, whatever becomes of the others; what is refused before any is tracked.
+
+Stand-ins write what `track_capture` and `run` would, for takes whose tracking is tested elsewhere.
+"""
+
+import csv
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+from urllib.parse import unquote
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from small_captures import make_video
+
+from jaxmocap._cli import run as command
+from jaxmocap._results import InputError
+from jaxmocap.character import Pose
+from jaxmocap.motion import Motion
+from jaxmocap.pipeline import RunResult, _run_options, _take, batch, track_capture
+from jaxmocap.pipeline._run_record import RunRecord
+from jaxmocap.rigging import body
+from jaxmocap.synthetic import make_capture, write_capture
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    """Four frames, all to be trusted."""
+    character = body()
+    poses = Pose(jnp.stack([jnp.eye(4)] * 4), jnp.zeros((4, character.skeleton.num_angles)))
+    provenance = {"lost": [], "outlier_cameras": [], "doubts": [], "seconds_per_frame": 1.5}
+    return Motion.from_poses(character, poses, np.arange(4), np.arange(4) / 25, provenance=provenance)
+
+
+@pytest.fixture
+def takes(small, tmp_path) -> list[Path]:
+    return [Path(shutil.copytree(small, tmp_path / "takes" / name)) for name in ("walk", "jump & run", "odd")]
+
+
+@pytest.fixture
+def tracked(monkeypatch, motion) -> list[tuple[str, dict]]:
+    """The takes that were tracked, and what tracking was told. Frame 2 of "odd" is doubtful, "jump" with a height of 1.5
+    fails by our mistake, and a file `broken` in a capture is the user's."""
+    done: list[tuple[str, dict]] = []
+
+    def write(folder: Path, result: Motion) -> Motion:
+        result.save(folder)
+        (folder / "report.html").write_text("")
+        return result
+
+    def track_capture(path, out, **options):
+        if (out / "motion.npz").is_file():
+            return Motion.load(out)
+        done.append((out.name, options))
+        if (path / "broken").exists():
+            raise InputError("the videos show two places.")
+        if options["seed"] == 13 and out.name == "walk":
+            raise RuntimeError("out of luck")
+        if out.name != "odd":
+            return write(out, motion)
+        doubt = {"doubts": [{"first": 2, "last": 2, "why": "it is dark"}]}
+        status = np.array(["ok", "ok", "doubtful", "ok"])
+        return write(out, replace(motion, status=status, provenance={**motion.provenance, **doubt}))
+
+    def run(videos, out, **options):
+        done.append((out.name, options))
+        out.mkdir()
+        RunRecord(out).set("capture", None, None)
+        folder = out / "result"
+        return RunResult(write(folder, motion), out / "capture", folder, folder / "report.html", {"track": 1.0})
+
+    monkeypatch.setattr(_take, "track_capture", track_capture)
+    monkeypatch.setattr(_take, "run", run)
+    monkeypatch.setattr(_run_options, "require_runner", lambda: None)
+    return done
+
+
+def test_a_batch_tells_of_every_take_and_keeps_what_is_finished(takes, tracked, tmp_path):
+    out, said, steps = tmp_path / "out", [], []
+    found = batch(takes, out, quality="draft", say=said.append, progress=lambda *step: steps.append(step))
+    assert [name for name, _ in tracked] == [take.name for take in takes]
+    assert [(take.way, take.trusted_frames) for take in found.takes] == [("tracked", 4), ("tracked", 4), ("tracked", 3)]
+    assert [take.trusted for take in found.takes] == [True, True, False]
+    assert found.headline == "3 takes: 2 trusted throughout, 1 not throughout."
+    assert found.takes[2].verdict == "3 of 4 frames can be trusted."
+    assert found.takes[2].findings == ("Doubtful: frame 2: it is dark.",)
+    assert said[0] == "walk (tracked): All 4 frames can be trusted."
+    assert steps == [("takes", done, 3) for done in range(4)]
+    again = batch([*takes[1:], takes[0]], out, quality="draft")
+    assert len(tracked) == 3
+    assert [(take.name, take.way) for take in again.takes] == [(n, "kept") for n in ("jump & run", "odd", "walk")]
+
+
+def test_the_table_and_the_page_of_a_batch_say_the_same(takes, tracked, tmp_path):
+    (takes[0] / "broken").touch()
+    found = batch(takes, tmp_path / "out")
+    record = json.loads((tmp_path / "out" / "batch.json").read_text())
+    with (tmp_path / "out" / "batch.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    page = found.index.read_text()
+    for take, one, row in zip(found.takes, record["takes"], rows, strict=True):
+        assert one["verdict"] == row["verdict"] == take.verdict
+        assert [one["trusted_frames"], one["frames"]] == [int(row["trusted_frames"]), int(row["frames"])]
+        assert take.verdict in page
+    assert rows[0]["report"] == ""
+    assert record["headline"] in page
+    assert "Doubtful: frame 2: it is dark." in page
+    links = [unquote(unescape(link)) for link in re.findall(r'href="([^"]*)"', page)]
+    assert links == ["jump & run/report.html", "odd/report.html"]
+    assert all((found.index.parent / link).is_file() for link in links)
+
+
+def test_a_take_that_fails_stops_no_other_and_is_tried_again(takes, tracked, tmp_path, capsys):
+    (takes[1] / "broken").touch()
+    arguments = ["batch", *map(str, takes), "--out", str(tmp_path / "out")]
+    assert command(arguments) == 2
+    assert "the videos show two places." in capsys.readouterr().err
+    (takes[1] / "broken").unlink()
+    assert command([*arguments, "--json"]) == 3
+    record = json.loads(capsys.readouterr().out)
+    assert record["headline"] == "3 takes: 2 trusted throughout, 1 not throughout."
+    assert [take["way"] for take in record["takes"]] == ["kept", "tracked", "kept"]
+    assert Counter(name for name, _ in tracked) == {"walk": 1, "jump & run": 2, "odd": 1}
+
+
+def test_exit_codes_tell_trust_from_our_errors(takes, tracked, tmp_path, capsys):
+    assert command(["batch", str(takes[0]), "--out", str(tmp_path / "good")]) == 0
+    out = tmp_path / "unlucky"
+    assert command(["batch", *map(str, takes), "--out", str(out), "--seed", "13"]) == 1
+    assert "walk (failed): RuntimeError: out of luck" in capsys.readouterr().err
+    failed, *others = json.loads((out / "batch.json").read_text())["takes"]
+    assert "in track_capture" in failed["traceback"]
+    assert [take["way"] for take in others] == ["tracked", "tracked"]
+
+
+def test_an_interruption_passes_and_the_page_says_what_is_still_to_do(takes, tracked, tmp_path, monkeypatch):
+    plain, said = _take.track_capture, []
+
+    def interrupted(path, out, **options):
+        if out.name == "jump & run":
+            raise KeyboardInterrupt
+        return plain(path, out, **options)
+
+    monkeypatch.setattr(_take, "track_capture", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        batch(takes, tmp_path / "out", say=said.append)
+    assert said[-1].endswith("the same again goes on from there.")
+    assert "1 trusted throughout, 2 still to do" in (tmp_path / "out" / "index.html").read_text()
+    monkeypatch.setattr(_take, "track_capture", plain)
+    assert [take.way for take in batch(takes, tmp_path / "out").takes] == ["kept", "tracked", "tracked"]
+
+
+def refused(arguments: list, capsys) -> str:
+    """The sentence with which a batch is refused."""
+    assert command(["batch", *map(str, arguments)]) == 2
+    sentence = capsys.readouterr().err.splitlines()
+    assert len(sentence) == 1
+    return sentence[0]
+
+
+def test_what_cannot_work_is_refused_before_anything_is_done(takes, tracked, tmp_path, capsys):
+    out, other = tmp_path / "out", tmp_path / "other" / "walk"
+    shutil.copytree(takes[0], other)
+    (tmp_path / "file").touch()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "index.html").touch()
+    (tmp_path / "taken" / "walk").mkdir(parents=True)
+    (tmp_path / "taken" / "walk" / "letter.txt").touch()
+    (tmp_path / "taken" / "batch.json").touch()
+    cases = [
+        (["--out", out], "no take is given"),
+        ([tmp_path / "nowhere", "--out", out], "nowhere does not exist; expected a capture folder"),
+        ([takes[0], tmp_path, "--out", out], "capture.toml does not exist; expected a capture folder"),
+        ([takes[0], other, "--out", out], "two takes are called 'walk'"),
+        ([takes[0], takes[0], "--out", out], "give every take once"),
+        ([takes[0], "--out", tmp_path / "file"], "file is a file; a folder was expected"),
+        ([takes[0], "--out", tmp_path / "mine"], "mine holds files that no batch wrote"),
+        ([takes[0], "--out", tmp_path / "taken"], "take 'walk': The output folder"),
+        ([*takes, "--out", out, "--frames", "4:13"], "take 'walk': frames 4:13 were asked for"),
+        ([*takes, "--out", out, "--height", "18"], "take 'walk': height is 18 m"),
+        ([*takes, "--out", out, "--actor", "him.glb"], "him.glb does not exist"),
+        ([*takes, "--out", out, "--set", "serach=off"], "take 'walk': setting 'serach'"),
+    ]
+    for arguments, words in cases:
+        assert words in refused(arguments, capsys)
+    (takes[2] / "cam1.mp4").write_bytes(b"no video")
+    assert "take 'odd': " in refused([*takes, "--out", out], capsys)
+    assert tracked == []
+    assert not out.exists()
+
+
+def test_a_list_of_takes_names_captures_and_videos_with_what_is_known_of_them(takes, tracked, tmp_path):
+    make_video(tmp_path / "left.mp4")
+    make_video(tmp_path / "right.mp4")
+    (tmp_path / "takes.toml").write_text("""
+        [[take]]
+        capture = "takes/walk"
+        frames = [2, 6]
+
+        [[take]]
+        name = "second walk"
+        capture = "takes/walk"
+        height = 1.6
+
+        [[take]]
+        name = "outside"
+        videos = ["left.mp4", "right.mp4"]
+        focal = { left = 60 }
+        person = { right = [3, 4.5] }
+        static = true
+    """)
+    found = batch([takes[2], tmp_path / "takes.toml"], tmp_path / "out", height=1.8, quality="draft", seed=5)
+    told = dict(tracked)
+    assert list(told) == [take.name for take in found.takes] == ["odd", "walk", "second walk", "outside"]
+    assert [told[name]["frames"] for name in told] == [None, (2, 6), None, (0, None)]
+    assert [told[name]["height"] for name in told] == [1.8, 1.8, 1.6, 1.8]
+    assert {options["quality"] for options in told.values()} == {"draft"}
+    assert {options["seed"] for options in told.values()} == {5}
+    assert told["outside"]["focal"] == {"left": 60}
+    assert told["outside"]["person"] == {"right": (3, 4.5)}
+    assert told["outside"]["static"] is True
+    assert found.takes[3].report == tmp_path / "out" / "outside" / "result" / "report.html"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[[take", "takes.toml is not valid TOML"),
+        ("", "takes.toml lists no takes; expected a [[take]] section"),
+        ("take = []", "the list of takes: take = [] cannot be used"),
+        ("[[take]]\nname = 'walk'", "take 1: a take has either capture"),
+        ("[[take]]\ncapture = 'a'\nvideos = ['b']", "take 1: a take has either capture"),
+        ("[[take]]\nvideos = ['left.mp4']", "take 1: a take of videos needs a name"),
+        ("[[take]]\nname = '../up'\ncapture = 'a'", "take 1: name = '../up' cannot be used"),
+        ("[[take]]\ncapture = 'a'\n[[take]]\ncapture = 'b'\nhight = 2", "take 2 has the unknown key 'hight'"),
+        ("[[take]]\ncapture = 'a'\nstatic = true", "take 1: static is for takes of videos"),
+        ("[[take]]\ncapture = 'a'\nheight = 'tall'", "take 1: height = 'tall' cannot be used"),
+        ("takes = 1\n[[take]]\ncapture = 'a'", "the list of takes has the unknown key 'takes'"),
+        ("[[take]]\ncapture = 'nowhere'", "nowhere does not exist; expected a capture folder"),
+        ("[[take]]\nname = 'a'\nvideos = ['nowhere.mp4']", "take 'a': "),
+    ],
+)
+def test_a_list_of_takes_that_cannot_be_used_is_a_sentence(text, words, tracked, tmp_path, capsys):
+    file = tmp_path / "takes.toml"
+    file.write_text(text)
+    assert words in refused([file, "--out", tmp_path / "out", "--height", "1.8"], capsys)
+    assert tracked == []
+
+
+def test_single_settings_are_not_for_videos(tracked, tmp_path, capsys):
+    file = tmp_path / "takes.toml"
+    file.write_text("[[take]]\nname = 'a'\nvideos = ['left.mp4']")
+    assert "leave --set out" in refused([file, "--out", tmp_path / "out", "--set", "clip=off"], capsys)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_batch_that_was_killed_goes_on_to_the_same_bytes(tmp_path):
+    """SIGKILL while the second take is being tracked; the first is kept, the second resumed."""
+    takes = [write_capture(make_capture(5, (320, 180), seed=seed), tmp_path / f"seed{seed}") for seed in range(2)]
+    out = tmp_path / "out"
+    arguments = [sys.executable, "-m", "jaxmocap", "batch", *map(str, takes), "--out", str(out), "--quality", "draft"]
+    process = subprocess.Popen(arguments, start_new_session=True)
+    while not (out / "seed1" / "checkpoint" / "state.npz").is_file():
+        assert process.poll() is None, "it ended before it could be killed"
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert subprocess.run(arguments, check=False).returncode in (0, 3)
+    record = json.loads((out / "batch.json").read_text())
+    assert [take["way"] for take in record["takes"]] == ["kept", "resumed"]
+    assert all(take["marker_error_cm"] < 4 for take in record["takes"])
+    subprocess.run([*arguments[:3], "track", str(takes[1]), "--out", str(tmp_path / "whole"), *arguments[-2:]])
+    assert (tmp_path / "whole" / "motion.npz").read_bytes() == (out / "seed1" / "motion.npz").read_bytes()
