@@ -74,7 +74,7 @@ def batch(
     The same call goes on after an interruption: a take that has its result of the same inputs is not tracked again, one
     that was cut off goes on from its checkpoint, to the same bytes, and one that failed is tried again. A take that
     fails stops no other. `workers` processes share the takes, or a Dask cluster whose `scheduler` is named, as
-    `on_workers` says; the folders must then be seen by all machines, and a program that calls this with workers needs
+    `on_workers` says; all machines must then see the folders, and the program that calls this needs the usual
     `if __name__ == "__main__":`. `out/batch.json`, `batch.csv` and the page `index.html` are written after every take.
 
     Raises `InputError` where anything that is given cannot be used, before a take is tracked.

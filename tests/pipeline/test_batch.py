@@ -1,4 +1,4 @@
-"""Many takes: each is brought to its result once, whatever becomes of the others; what is refused before any is tracked.
+"""Many takes: each is brought to its result once, whatever becomes of the others; what is refused before that.
 
 Stand-ins write what `track_capture` and `run` would, for takes whose tracking is tested elsewhere.
 """
@@ -27,7 +27,7 @@ from jaxmocap._cli import run as command
 from jaxmocap._results import InputError
 from jaxmocap.character import Pose
 from jaxmocap.motion import Motion
-from jaxmocap.pipeline import RunResult, _run_options, _take, batch, track_capture
+from jaxmocap.pipeline import RunResult, _run_options, _take, batch
 from jaxmocap.pipeline._run_record import RunRecord
 from jaxmocap.rigging import body
 from jaxmocap.synthetic import make_capture, write_capture
@@ -49,8 +49,8 @@ def takes(small, tmp_path) -> list[Path]:
 
 @pytest.fixture
 def tracked(monkeypatch, motion) -> list[tuple[str, dict]]:
-    """The takes that were tracked, and what tracking was told. Frame 2 of "odd" is doubtful, "jump" with a height of 1.5
-    fails by our mistake, and a file `broken` in a capture is the user's."""
+    """The takes that were tracked, and what tracking was told. Frame 2 of "odd" is doubtful; a capture with a file
+    `broken` in it cannot be used, and "walk" with the seed 13 is our mistake."""
     done: list[tuple[str, dict]] = []
 
     def write(folder: Path, result: Motion) -> Motion:
