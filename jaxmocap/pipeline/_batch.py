@@ -11,7 +11,7 @@ from jaxmocap._results import InputError
 from jaxmocap._types import Quality
 
 from ._batch_page import batch_headline, batch_page
-from ._run_folder import only_run
+from ._run_folder import LOCK, only_run
 from ._take import TakeOptions
 from ._take_list import examine_takes, takes_of
 from ._take_result import TakeResult, attempt, failed, waiting
@@ -83,7 +83,7 @@ def batch(
     actor = None if actor is None else Path(actor).resolve()
     options = TakeOptions(quality, seed, frames, settings or {}, actor, height)
     todo = takes_of([Path(path) for path in takes], options)
-    _refuse_folder(out)
+    _refuse_folder(out, [take.name for take in todo])
     examine_takes(todo, out)
     shared = on_workers(partial(attempt, out=out), todo, failed, workers, scheduler)
     results = {take.name: waiting(take) for take in todo}
@@ -102,7 +102,12 @@ def batch(
     return Batch(tuple(results.values()), out, out / INDEX)
 
 
-def _refuse_folder(out: Path) -> None:
+def _refuse_folder(out: Path, names: Sequence[str]) -> None:
+    taken = next((name for name in names if name in (RECORD, TABLE, INDEX, LOCK)), None)
+    if taken is not None:
+        raise InputError(
+            f"a take is called '{taken}', as a file of the batch is; give it another name in a takes.toml."
+        )
     if out.exists() and not out.is_dir():
         raise InputError(f"the output {out} is a file; a folder was expected, choose another with --out.")
     if out.is_dir() and not (out / RECORD).is_file() and any(out.iterdir()):

@@ -28,7 +28,7 @@ def batch_headline(takes: Sequence[TakeResult]) -> str:
 
 def batch_page(takes: Sequence[TakeResult], out: Path) -> str:
     """Write the page of a batch whose results are in `out`; links are relative to it."""
-    head = "".join(f"<td>{cell}</td>" for cell in _HEAD)
+    head = "".join(f'<th scope="col">{cell}</th>' for cell in _HEAD)
     rows = "\n".join(_row(take, out) for take in takes)
     return plain_page(
         out.resolve().name,

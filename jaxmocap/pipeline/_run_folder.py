@@ -11,7 +11,7 @@ from jaxmocap._files import check_output, claim_output
 from jaxmocap._results import InputError
 from jaxmocap.track import Checkpoint
 
-_CHECKPOINT, _LOCK = "checkpoint", "lock"
+_CHECKPOINT, LOCK = "checkpoint", "lock"
 _PATIENCE = 0.2  # seconds; a run that ends takes its lock file away, and a lock of that file is tried again
 
 
@@ -79,7 +79,7 @@ def only_run(folder: Path, out: Path) -> Iterator[None]:
 
     The system lets go when a process dies, however it dies; an empty folder is taken away at the end.
     """
-    lock = FileLock(folder / _LOCK, timeout=_PATIENCE, fallback_to_soft=False)
+    lock = FileLock(folder / LOCK, timeout=_PATIENCE, fallback_to_soft=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire()

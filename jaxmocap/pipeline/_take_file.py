@@ -1,14 +1,25 @@
 """`takes.toml`: a list of takes, each with what is known of its person and cameras."""
 
 import tomllib
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from jaxmocap._results import InputError
 
+_LONGEST, _LONGEST_NAME = 2000, 255  # characters of a path, bytes of a name
 _OF_VIDEOS = ("camera_distance", "focal", "scan", "person", "keypoints", "static")
+
+
+def _path(text: str) -> str:
+    longest = max((len(part.encode()) for part in PurePath(text).parts), default=0)
+    if not text.strip() or "\0" in text or len(text) > _LONGEST or longest > _LONGEST_NAME:
+        raise ValueError("is no path of a file or folder")
+    return text
+
+
+_Path = Annotated[str, AfterValidator(_path)]
 
 
 class TakeEntry(BaseModel):
@@ -30,17 +41,17 @@ class TakeEntry(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-    name: Annotated[str, Field(pattern=r"^\w[\w.\- ]*$")] | None = None
-    capture: str | None = None
-    videos: Annotated[list[str], Field(min_length=1)] | None = None
+    name: Annotated[str, Field(pattern=r"^\w[\w.\- ]*$", max_length=100)] | None = None
+    capture: _Path | None = None
+    videos: Annotated[list[_Path], Field(min_length=1)] | None = None
     frames: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
     height: FiniteFloat | None = None
-    actor: str | None = None
+    actor: _Path | None = None
     camera_distance: FiniteFloat | None = None
     focal: dict[str, FiniteFloat] | None = None
-    scan: str | None = None
+    scan: _Path | None = None
     person: dict[str, Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]] | None = None
-    keypoints: str | None = None
+    keypoints: _Path | None = None
     static: bool | None = None
 
     @model_validator(mode="after")
@@ -87,7 +98,7 @@ def _sentence(file: Path, error: Any) -> str:
         known = ", ".join(TakeEntry.model_fields) if where else "take"
         return f"{file}: {number} has the unknown key {what or error['loc'][0]!r}; expected one of {known}"
     if error["type"] == "value_error":
-        return f"{file}: {number}: {error['ctx']['error']}"
+        return f"{file}: {number}: {what + ' ' if what else ''}{error['ctx']['error']}"
     if error["type"] == "missing":
         return f"{file} lists no takes; expected a [[take]] section for each, with capture or videos"
     found = f"{what or 'take'} = {error['input']!r}"[:80]

@@ -171,6 +171,7 @@ def refused(arguments: list, capsys) -> str:
 def test_what_cannot_work_is_refused_before_anything_is_done(takes, tracked, tmp_path, capsys):
     out, other = tmp_path / "out", tmp_path / "other" / "walk"
     shutil.copytree(takes[0], other)
+    shutil.copytree(takes[0], tmp_path / "lock")
     (tmp_path / "file").touch()
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "index.html").touch()
@@ -183,6 +184,7 @@ def test_what_cannot_work_is_refused_before_anything_is_done(takes, tracked, tmp
         ([takes[0], tmp_path, "--out", out], "capture.toml does not exist; expected a capture folder"),
         ([takes[0], other, "--out", out], "two takes are called 'walk'"),
         ([takes[0], takes[0], "--out", out], "give every take once"),
+        ([tmp_path / "lock", "--out", out], "a take is called 'lock', as a file of the batch is"),
         ([takes[0], "--out", tmp_path / "file"], "file is a file; a folder was expected"),
         ([takes[0], "--out", tmp_path / "mine"], "mine holds files that no batch wrote"),
         ([takes[0], "--out", tmp_path / "taken"], "take 'walk': The output folder"),
@@ -244,6 +246,8 @@ def test_a_list_of_takes_names_captures_and_videos_with_what_is_known_of_them(ta
         ("[[take]]\nname = '../up'\ncapture = 'a'", "take 1: name = '../up' cannot be used"),
         ("[[take]]\ncapture = 'a'\n[[take]]\ncapture = 'b'\nhight = 2", "take 2 has the unknown key 'hight'"),
         ("[[take]]\ncapture = 'a'\nstatic = true", "take 1: static is for takes of videos"),
+        ("[[take]]\ncapture = 'a\\u0000b'".replace("'", '"'), "take 1: capture is no path of a file or folder"),
+        (f"[[take]]\nname = 'a'\nvideos = ['{'b' * 300}']", "take 1: videos.0 is no path of a file or folder"),
         ("[[take]]\ncapture = 'a'\nheight = 'tall'", "take 1: height = 'tall' cannot be used"),
         ("takes = 1\n[[take]]\ncapture = 'a'", "the list of takes has the unknown key 'takes'"),
         ("[[take]]\ncapture = 'nowhere'", "nowhere does not exist; expected a capture folder"),
