@@ -26,8 +26,12 @@ def test_without_workers_calls_are_done_in_order_when_they_are_asked_for():
 
 def test_a_call_that_kills_its_process_stops_no_other():
     distributed = pytest.importorskip("distributed")
+    dask = pytest.importorskip("dask")
     died = lambda number, error: (number, type(error).__name__)  # noqa: E731
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+    ):
         found = list(on_workers(squared, [1, 2, 3, 4], died, scheduler=cluster.scheduler_address))
     assert sorted(found, key=str) == [(3, "KilledWorker"), (4, "InputError"), 1, 4]
 
