@@ -31,7 +31,8 @@ def bench(
         tuple[str, ...],
         tyro.conf.arg(
             metavar="NAME ...",
-            help="ours, local, annealed-particle-filter, cma-es, keypoints, hasler-1, hasler-5, posecut.",
+            help="ours, local, annealed-particle-filter, cma-es, keypoints, hasler-1, hasler-5, posecut, "
+            "sums-of-gaussians, flow, differentiable-rendering.",
             help_behavior_hint="(default: all)",
         ),
     ] = (),

@@ -8,17 +8,30 @@ from jaxmocap._types import Quality
 from jaxmocap.track import Method, Tracker
 
 from ._colour_histograms import ColourHistograms as ColourHistograms, selected_histograms as selected_histograms
+from ._differentiable_rendering import (
+    RenderedColours as RenderedColours,
+    differentiable_rendering as differentiable_rendering,
+)
 from ._follower import Baseline as Baseline, Follower as Follower
+from ._gaussian_body import GaussianBody as GaussianBody, colour_cone as colour_cone
 from ._graph_cut import GridCut as GridCut
 from ._hasler import SegmentAndFit as SegmentAndFit
+from ._image_gaussians import image_gaussians as image_gaussians
 from ._keypoints import KeypointTriangulation as KeypointTriangulation
 from ._optimisers import (
     CovarianceMatrixAdaptation as CovarianceMatrixAdaptation,
     annealed_particle_filter as annealed_particle_filter,
     covariance_matrix_adaptation as covariance_matrix_adaptation,
+    flow_only as flow_only,
     local_only as local_only,
 )
 from ._posecut import PoseCut as PoseCut, StickFigure as StickFigure
+from ._sums_of_gaussians import (
+    SumsEnergy as SumsEnergy,
+    SumsOfGaussians as SumsOfGaussians,
+    colour_similarity as colour_similarity,
+    conditioned_ascent as conditioned_ascent,
+)
 
 METHODS: dict[str, Callable[[Quality], Tracker | Method]] = {
     "ours": Tracker.preset,
@@ -29,6 +42,9 @@ METHODS: dict[str, Callable[[Quality], Tracker | Method]] = {
     "hasler-1": lambda quality: SegmentAndFit(iterations=1),
     "hasler-5": lambda quality: SegmentAndFit(iterations=5),
     "posecut": lambda quality: PoseCut(),
+    "sums-of-gaussians": lambda quality: SumsOfGaussians(),
+    "flow": flow_only,
+    "differentiable-rendering": differentiable_rendering,
 }
 """By name; those that share parts with the tracker take them from the preset of this quality."""
 

@@ -29,6 +29,17 @@ def local_only(quality: Quality = "normal") -> Tracker:
     return replace(Tracker.preset(quality), search=None, prediction=False)
 
 
+def flow_only(quality: Quality = "normal") -> Tracker:
+    """Make a tracker that follows optical flow from frame to frame, and nothing else.
+
+    It is the part of Wu, Stoll, Valgaerts and Theobalt, On-set performance capture of multiple actors with a stereo
+    camera, TOG 32(6), 2013, from which the paper's search starts: points of the last frame's surface are led on by the
+    flow of every view. Nothing corrects what one frame adds to the error; where the last pose scores better by Eq. 5
+    than the flow's it stays, and at selected frames the registered pose is taken up again in the same way.
+    """
+    return replace(local_only(quality), refine=None, clip=None)
+
+
 def _whole(plan: SearchPlan) -> SearchPlan:
     """Plan a search of the whole body with as many particles as this plan has group by group.
 
