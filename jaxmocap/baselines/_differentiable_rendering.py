@@ -23,7 +23,7 @@ class RenderedColours(AbstractTerm):
     colour no selected frame has shown are passed over.
 
     Attributes:
-        weight: of the squared difference of colours in [0, 1]; 100, so that a difference of 0.1 is 1; ours.
+        weight: of the squared difference of colours in [0, 1]; 100, so that 0.1 in one channel counts 1; ours.
     """
 
     weight: Knob = knob(100.0)
