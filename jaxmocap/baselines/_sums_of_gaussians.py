@@ -135,8 +135,8 @@ class SumsOfGaussians(Baseline):
     body comes from the mesh, not from a default model fitted to a few poses; only the person's rectangle is looked at,
     so that its similarity weighs more beside the penalties; accelerations count from where the ascent begins, not from
     where the whole velocity leads. With the publication's `gaussians=63, reach=0.15` frames of a person in stripes,
-    begun at the truth, came out 5 cm off from two cameras, with ours 1.6. Its numbers are quoted as they are known, not
-    held against the print.
+    begun at or near the truth, came out 5 cm off from two cameras, with ours, chosen on those frames, 1.6. Its numbers
+    are quoted as they are known, not held against the print.
 
     Attributes:
         gaussians: of the body before those are left out that no view knows; 200, ours: the publication has 63.
