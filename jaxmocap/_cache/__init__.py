@@ -3,6 +3,7 @@
 from ._key import code_hash as code_hash, machine as machine
 from ._programs import (
     cached_jit as cached_jit,
+    compile_ahead as compile_ahead,
     free_programs as free_programs,
     make_room as make_room,
     optimised_jit as optimised_jit,

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmocap._cache import cached_jit
 from jaxmocap.character import Character, Pose, retract, skin
+from jaxmocap.geometry import inverse
 
 
 class SurfaceLines(eqx.Module):
@@ -70,7 +71,7 @@ def rays(
     rotation = cam_from_world[:3, :3]
     centre = -rotation.T @ cam_from_world[:3, 3]
     ones = jnp.ones_like(pixels[:, :1])
-    direction = jnp.concatenate([pixels, ones], -1) @ jnp.linalg.inv(intrinsics).T @ rotation
+    direction = jnp.concatenate([pixels, ones], -1) @ inverse(intrinsics).T @ rotation
     direction /= jnp.linalg.norm(direction, axis=-1, keepdims=True)
     return centre, direction, jnp.cross(jnp.broadcast_to(centre, direction.shape), direction)
 

@@ -13,8 +13,9 @@ from jaxmocap._types import Knob, knob
 from jaxmocap.character import ROOT_DOFS, Character, Pose, Skeleton, landmark_positions
 from jaxmocap.observation import BODY_25, FACE, FrameProblem
 
+from ._body import GroupProblem
 from ._lines import rays
-from ._term import AbstractPoseTerm
+from ._term import AbstractPoseTerm, Drawn
 
 LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3} | dict.fromkeys(FACE, 0.3)
 """Points whose definition differs between a detector and a skeleton count less."""
@@ -87,8 +88,20 @@ class Keypoints(AbstractPoseTerm):
 
     name: ClassVar[str] = "keypoints"
 
+    def prepare(self, base: Array, group: GroupProblem) -> LandmarkRays:
+        """Cast the rays once for all particles."""
+        return self._rays(group.character.skeleton, group.frame)
+
+    def score(self, prepared: LandmarkRays, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
+        return self._mean(prepared, group.character.skeleton, drawn.pose)
+
     def score_pose(self, skeleton: Skeleton, pose: Pose, frame: FrameProblem) -> Float[Array, ""]:
-        lines = keypoint_rays(skeleton, frame.intrinsics, frame.cam_from_world, frame.keypoints, table=BODY_25 | FACE)
+        return self._mean(self._rays(skeleton, frame), skeleton, pose)
+
+    def _rays(self, skeleton: Skeleton, frame: FrameProblem) -> LandmarkRays:
+        return keypoint_rays(skeleton, frame.intrinsics, frame.cam_from_world, frame.keypoints, table=BODY_25 | FACE)
+
+    def _mean(self, lines: LandmarkRays, skeleton: Skeleton, pose: Pose) -> Float[Array, ""]:
         square = jnp.sum(lines.distances(landmark_positions(skeleton, pose)) ** 2, -1)
         return jnp.mean(lines.weight * square / (square + self.robust**2))
 

@@ -8,6 +8,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._types import Knob
+from jaxmocap.geometry import inverse
 from jaxmocap.render import look_up
 
 
@@ -26,7 +27,7 @@ class PixelTransfer(NamedTuple):
 
 def pixel_transfer(source: Float[Array, "3 4"], target: Float[Array, "3 4"]) -> PixelTransfer:
     """Build the transfer of pixels from the projections of the two views."""
-    homography = target[:, :3] @ jnp.linalg.inv(source[:, :3])
+    homography = target[:, :3] @ inverse(source[:, :3])
     return PixelTransfer(homography, target[:, 3] - homography @ source[:, 3])
 
 

@@ -28,6 +28,7 @@ from ._transforms import (
     ad as ad,
     adjoint as adjoint,
     hat as hat,
+    inverse as inverse,
     matmul as matmul,
     rigid as rigid,
     se3_exp as se3_exp,

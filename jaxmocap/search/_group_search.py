@@ -1,9 +1,10 @@
 """The sample-based search of sec. 4.1: one group of DoFs at a time, a whole generation of particles per compiled
 call."""
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from jaxmocap._cache import cached_jit, optimised_jit
+from jaxmocap._cache import cached_jit, compile_ahead, optimised_jit
 from jaxmocap.character import Character, Pose, Skeleton, retract, simplify
 from jaxmocap.energies import (
     Base,
@@ -33,6 +34,9 @@ WHOLE = 2 / 3
 and like captures share their programs."""
 
 _LEAST_FACES = 500
+_FACES_STEP, _VERTICES_STEP = 256, 128
+"""Simplified meshes are filled up to multiples of these, so that different ones share their programs."""
+
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
 
@@ -48,9 +52,33 @@ class Mesh(eqx.Module):
 
 
 def simplified_mesh(character: Character, surface: Surface, share: float) -> Mesh:
-    """Simplify the mesh to this share of its faces (host)."""
+    """Simplify the mesh to this share of its faces, and fill it up with faces of no area that nothing moves (host)."""
     simple, nearest = simplify(character, max(round(share * character.faces.shape[0]), _LEAST_FACES))
-    return Mesh(simple, simplified_surface(surface, np.asarray(simple.faces), nearest))
+    tables = simplified_surface(surface, np.asarray(simple.faces), nearest)
+    num_faces, num_vertices = len(simple.faces), len(simple.vertices)
+    faces, vertices = -num_faces % _FACES_STEP, -(num_vertices + 1) % _VERTICES_STEP + 1
+
+    def filled(values: Array, more: int, axis: int = 0, fill: float = 0) -> Array:
+        wider = [(0, more if number == axis else 0) for number in range(values.ndim)]
+        return jax.device_put(np.pad(np.asarray(values), wider, constant_values=fill))
+
+    near = filled(tables.near_faces, faces)
+    words = -(-(num_faces + faces) // 32)
+    return Mesh(
+        Character(
+            "simplified",
+            simple.skeleton,
+            filled(simple.vertices, vertices),
+            filled(simple.faces, faces, fill=num_vertices),
+            filled(simple.weights, vertices),
+        ),
+        Surface(
+            filled(tables.colour_distance, faces, 1, 1.0),
+            filled(near, words - near.shape[1], 1),
+            filled(tables.mean_colour, faces, 1),
+            filled(tables.has_colour, faces, 1),
+        ),
+    )
 
 
 class Stage(eqx.Module):
@@ -292,6 +320,49 @@ class GroupSearch:
         reach: Reach = ANYWHERE,
     ) -> GroupResult:
         """Search the group around `pose`. A capacity that overflows is enlarged and the search run again."""
+        task, sizes = self._task(stages, character, pose, problem, spread, reach), self.sizes
+        while True:
+            result = _search(*self._arguments(stages, sampler, task, key, reach))
+            result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
+            needed_base, needed_far = int(result.needed_base), int(result.needed_far)
+            needed = {_name(stage): int(count) for stage, count in zip(stages, result.needed, strict=True)}
+            if (
+                all(1.1 * count <= sizes.capacity[level] for level, count in needed.items())
+                and needed_base <= sizes.base_capacity
+                and needed_far <= sizes.far_capacity
+            ):
+                return result
+            for level, count in needed.items():
+                sizes.capacity[level] = max(sizes.capacity[level], _power(1.2 * count))
+            sizes.base_capacity = max(sizes.base_capacity, _power(1.1 * needed_base))
+            sizes.far_capacity = max(sizes.far_capacity, _power(1.1 * needed_far))
+
+    def compile_ahead(
+        self,
+        stages: tuple[Stage, ...],
+        sampler: AbstractSampler,
+        character: Character,
+        pose: Pose,
+        problem: FrameProblem,
+        spread: Float[np.ndarray, "dof"],
+        key: PRNGKeyArray,
+        reach: Reach = ANYWHERE,
+    ) -> None:
+        """Compile what a search with these arguments runs, in a thread beside other searches; nothing is remembered."""
+        own = replace(self, sizes=copy.deepcopy(self.sizes))
+        task = own._task(stages, character, pose, problem, spread, reach)
+        compile_ahead(_search, *own._arguments(stages, sampler, task, key, reach))
+
+    def _task(
+        self,
+        stages: tuple[Stage, ...],
+        character: Character,
+        pose: Pose,
+        problem: FrameProblem,
+        spread: Float[np.ndarray, "dof"],
+        reach: Reach,
+    ) -> "_Task":
+        """Bound the increments, and place the region that they can reach."""
         skeleton = character.skeleton
         free, angles = np.array(ROOT_REACH, np.float32), np.asarray(pose.angles)
         lower = np.concatenate([-free, np.asarray(skeleton.lower) - angles])
@@ -304,38 +375,42 @@ class GroupSearch:
             far = (1.7 if reach.wide == 0 else 8.0) * spread[dof]
             cloud[2 * row, dof] = min(far, float(upper[dof]))
             cloud[2 * row + 1, dof] = max(-far, float(lower[dof]))
-        boxes = np.asarray(particle_boxes(character, self.part, pose, problem, jax.device_put(cloud)))
-        corners = jax.device_put(self.place_region(boxes, problem))
-        sizes = self.sizes
-        group = GroupProblem(character, self.part, pose, problem, Region(corners, sizes.region))
-        box = _Box(*jax.device_put((np.asarray(spread, np.float32), lower, upper)))
         drawn = [self.simple.get(stage.faces, (None, self.part)) for stage in stages]
-        names = [(stage.step, stage.faces) for stage in stages]
-        for name, (_, part) in zip(names, drawn, strict=True):
-            sizes.capacity.setdefault(name, _power(1.3 * part.faces.shape[1]))
-        while True:
-            sized = [replace(stage, energy=stage.energy.with_capacity(sizes.far_capacity)) for stage in stages]
-            levels = tuple(
-                _Level(stage, *meshed, sizes.capacity[name])
-                for stage, meshed, name in zip(sized, drawn, names, strict=True)
-            )
-            rest = replace(group, part=self.part.unseen()), sizes.base_capacity
-            bases = _prepare(tuple(replace(level, part=level.part.unseen()) for level in levels), *rest)
-            chance = (self.distal, reach.wide, jnp.float32(reach.prior))
-            result = _search(levels, bases, sampler, group, box, *chance, key)
-            result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
-            needed_base, needed_far = int(result.needed_base), int(result.needed_far)
-            needed = {level: int(count) for level, count in zip(names, result.needed, strict=True)}
-            if (
-                all(1.1 * count <= sizes.capacity[level] for level, count in needed.items())
-                and needed_base <= sizes.base_capacity
-                and needed_far <= sizes.far_capacity
-            ):
-                return result
-            for level, count in needed.items():
-                sizes.capacity[level] = max(sizes.capacity[level], _power(1.2 * count))
-            sizes.base_capacity = max(sizes.base_capacity, _power(1.1 * needed_base))
-            sizes.far_capacity = max(sizes.far_capacity, _power(1.1 * needed_far))
+        meshes, part = [mesh for mesh, _ in drawn if mesh is not None], self.part
+        if len(meshes) == len(drawn):  # the character's own mesh then leaves no trace in the shapes
+            character, problem, part = meshes[0].character, replace(problem, surface=meshes[0].surface), drawn[0][1]
+        boxes = np.asarray(particle_boxes(character, part, pose, problem, jax.device_put(cloud)))
+        corners = jax.device_put(self.place_region(boxes, problem))
+        group = GroupProblem(character, part, pose, problem, Region(corners, self.sizes.region))
+        box = _Box(*jax.device_put((np.asarray(spread, np.float32), lower, upper)))
+        return _Task(group, box, drawn)
+
+    def _arguments(
+        self, stages: tuple[Stage, ...], sampler: AbstractSampler, task: "_Task", key: PRNGKeyArray, reach: Reach
+    ) -> tuple[Any, ...]:
+        """Prepare what the particles share, and list what `_search` takes."""
+        sizes, group, levels = self.sizes, task.group, []
+        for stage, (mesh, part) in zip(stages, task.drawn, strict=True):
+            capacity = sizes.capacity.setdefault(_name(stage), _power(1.3 * part.faces.shape[1]))
+            sized = replace(stage, energy=stage.energy.with_capacity(sizes.far_capacity))
+            levels.append(_Level(sized, mesh, part, capacity))
+        unseen = tuple(replace(level, part=level.part.unseen()) for level in levels)
+        bases = _prepare(unseen, replace(group, part=group.part.unseen()), sizes.base_capacity)
+        chance = (self.distal, reach.wide, jnp.float32(reach.prior))
+        return tuple(levels), bases, sampler, group, task.box, *chance, key
+
+
+class _Task(NamedTuple):
+    """A group where it is searched, the bounds of its increments, and the mesh and part that each stage draws."""
+
+    group: GroupProblem
+    box: _Box
+    drawn: list[tuple[Mesh | None, BodyPart]]
+
+
+def _name(stage: Stage) -> tuple[int, float]:
+    """Name a stage in `Sizes`."""
+    return stage.step, stage.faces
 
 
 Groups = tuple[tuple[str, tuple[int, ...]], ...]
@@ -347,13 +422,17 @@ def _like(skeleton: Skeleton, name: str) -> bool:
 
 
 def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
-    """Make the parts of all groups, those that share a search padded to the same shapes."""
+    """Make the parts of all groups, those that share a search padded to the same shapes, which are few so that meshes
+    share it too."""
     plain = {name: body_part(character, dofs) for name, dofs in groups}
     parts = {}
     for name, dofs in groups:
         alike = [plain[o] for o, _ in groups if _like(character.skeleton, o) == _like(character.skeleton, name)]
         shapes = [(part.faces.shape[1], part.vertices.shape[0], part.dofs.shape[0]) for part in alike]
-        parts[name] = body_part(character, dofs, *np.max(shapes, axis=0).tolist())
+        num_faces, num_vertices, num_dofs = np.max(shapes, axis=0).tolist()
+        num_faces = min(_power(num_faces), -(-character.faces.shape[0] // _FACES_STEP) * _FACES_STEP)
+        num_vertices = max(-(-num_vertices // _VERTICES_STEP) * _VERTICES_STEP, num_faces // 2 + _VERTICES_STEP)
+        parts[name] = body_part(character, dofs, num_faces, num_vertices, num_dofs)
     return parts
 
 

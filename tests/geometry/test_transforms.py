@@ -10,6 +10,7 @@ from jaxmocap.geometry import (
     ad,
     adjoint,
     hat,
+    inverse,
     matmul,
     rigid,
     se3_exp,
@@ -142,3 +143,12 @@ def test_inverse_undoes_a_transform_and_batches_agree():
     expected = np.einsum("bij,bnj->bni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     np.testing.assert_allclose(transform(poses, points), expected, atol=1e-14)
     np.testing.assert_allclose(rigid(poses[:, :3, :3], poses[:, :3, 3]), poses, atol=0)
+
+
+def test_inverse_of_a_projection_is_exact_to_single_precision():
+    rng = np.random.default_rng(3)
+    intrinsics = np.array([[900.0, 0, 480], [0, 900, 270], [0, 0, 1]])
+    turned = intrinsics @ np.asarray(so3_exp(jnp.asarray(rng.normal(size=(20, 3)), jnp.float32)), np.float64)
+    found = np.asarray(inverse(jnp.asarray(turned, jnp.float32)))
+    expected = np.linalg.inv(turned)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
