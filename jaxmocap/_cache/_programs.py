@@ -150,7 +150,10 @@ class _CachedJit:
             programs = list(self.programs.values())
             self.programs.clear()
         for making in programs:
-            if making.done() and making.exception() is None and (found := making.result()) is not None:
+            found = making.result() if making.done() and making.exception() is None else None
+            if found is not None and hasattr(
+                found[0], "clear_cache"
+            ):  # what was compiled ahead goes with its last user
                 found[0].clear_cache()
         if (traced := self.__dict__.pop("traced", None)) is not None:
             traced._cached.clear_cache()
@@ -261,11 +264,11 @@ def _loaded(stored: dict[str, Any], compile_it: bool = False) -> _Program:
     if exported.nr_devices > 1:
         mesh = jax.sharding.Mesh(np.array(jax.local_devices()), ("every",))
         options["in_shardings"] = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
-    jitted = jax.jit(program, **options)
+    ready: Any = jax.jit(program, **options)
     if compile_it:
         specs = zip(exported.in_avals, stored["weak"], strict=True)
-        jitted.lower(*(jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=weak) for a, weak in specs)).compile()
-    return jitted, jax.tree.structure(stored["answer"])
+        ready = ready.lower(*(jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=weak) for a, weak in specs)).compile()
+    return ready, jax.tree.structure(stored["answer"])
 
 
 def _weak(array: Any) -> bool:

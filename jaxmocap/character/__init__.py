@@ -17,8 +17,10 @@ from ._build import (
 )
 from ._capsules import Capsules as Capsules, capsules as capsules
 from ._character import (
+    VERTICES_STEP as VERTICES_STEP,
     Character as Character,
     dominant_bodies as dominant_bodies,
+    filled_up as filled_up,
     simplify as simplify,
 )
 from ._dof_table import (

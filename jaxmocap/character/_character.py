@@ -106,3 +106,25 @@ def simplify(character: Character, num_faces: int) -> tuple[Character, Int[np.nd
         character.name, character.skeleton, jax.device_put(points), jax.device_put(triangles), jax.device_put(weights)
     )
     return simple, np.asarray(nearest)
+
+
+FACES_STEP, VERTICES_STEP = 256, 128
+"""Meshes are filled up to multiples of these."""
+
+
+def filled_up(character: Character) -> Character:
+    """Fill the mesh up to a round number of faces and vertices, so that like meshes share their programs (host).
+
+    The vertices are copies of the one that the root moves most, and the faces have no area there, so that the surface
+    and the room that it takes stay as they are.
+    """
+    vertices, faces, weights = (np.asarray(leaf) for leaf in (character.vertices, character.faces, character.weights))
+    copied = int(weights[:, 0].argmax())
+    more_faces, more_vertices = -len(faces) % FACES_STEP, -len(vertices) % VERTICES_STEP
+    return Character(
+        character.name,
+        character.skeleton,
+        jax.device_put(np.concatenate([vertices, np.repeat(vertices[copied][None], more_vertices, axis=0)])),
+        jax.device_put(np.concatenate([faces, np.full((more_faces, 3), copied, faces.dtype)])),
+        jax.device_put(np.concatenate([weights, np.repeat(weights[copied][None], more_vertices, axis=0)])),
+    )

@@ -61,6 +61,7 @@ from ._standing_still import standing_still as standing_still
 from ._surface import (
     Clusters as Clusters,
     Surface as Surface,
+    filled_surface as filled_surface,
     simplified_surface as simplified_surface,
     surface_of as surface_of,
 )

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from jaxmocap.appearance import Appearance, label_image
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, Detections
-from jaxmocap.character import Character, Pose, skin
+from jaxmocap.character import Character, Pose, filled_up, skin
 
 from ._background import Background, BackgroundModel
 from ._detections import expected_keypoints, nearest_person, stacked_keypoints
@@ -19,7 +19,7 @@ from ._edges import background_edges
 from ._features import FeatureSettings
 from ._problem import Frame, FrameImages, FrameProblem, build_problem
 from ._rectangle import Rectangle
-from ._surface import surface_of
+from ._surface import filled_surface, surface_of
 
 EdgeSource = Literal["canny", "background"]
 """Where contours look for their edge: in the Canny picture (the paper), or at the outline of what is not background."""
@@ -75,6 +75,15 @@ class Observations:
         """Replace the registered pose at a selected frame in a copy of these observations."""
         other = copy.copy(self)
         other.key_poses = self.key_poses | {frame: pose}
+        other.background = other._background()
+        return other
+
+    def filled_up(self) -> "Observations":
+        """Fill the mesh up in a copy of these observations (`character.filled_up`): the programs of tracking then serve
+        other characters too."""
+        other = copy.copy(self)
+        other.character = filled_up(self.character)
+        other.surface = filled_surface(self.surface, other.character.faces.shape[0])
         other.background = other._background()
         return other
 

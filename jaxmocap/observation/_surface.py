@@ -97,3 +97,24 @@ def simplified_surface(
     steps = max(1, round(GEODESIC_STEPS * np.sqrt(count / len(nearest))))
     near = jax.device_put(pack_rows(faces_within(faces, steps)))
     return Surface(jax.device_put(merged), near, jax.device_put(colours), jax.device_put(known))
+
+
+def filled_surface(surface: Surface, num_faces: int) -> Surface:
+    """Make the tables of a mesh that is filled up to so many faces (`character.filled_up`): they are never seen."""
+    more = num_faces - surface.near_faces.shape[0]
+    words = -(-num_faces // 32) - surface.near_faces.shape[1]
+
+    def filled(values: Array, fill: float = 0) -> Array:
+        return jnp.pad(values, ((0, 0), (0, more), *[(0, 0)] * (values.ndim - 2)), constant_values=fill)
+
+    clusters = surface.clusters
+    if clusters is not None:
+        tables = (filled(values) for values in (clusters.means, clusters.whiten, clusters.offset))
+        clusters = Clusters(*tables, clusters.settings)
+    return Surface(
+        filled(surface.colour_distance, 1.0),
+        jnp.pad(surface.near_faces, ((0, more), (0, words))),
+        filled(surface.mean_colour),
+        filled(surface.has_colour),
+        clusters,
+    )

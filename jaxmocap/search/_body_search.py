@@ -36,7 +36,7 @@ class BodySearch:
         evidence: Evidence,
         key: PRNGKeyArray,
     ):
-        self.character = observations.character
+        self.character = score.character
         self.fps = observations.capture.fps
         self.energy = energy
         self.plan = plan
@@ -45,7 +45,7 @@ class BodySearch:
         self.key = key
         skeleton = self.character.skeleton
         shares = sorted({stage.faces for stage in plan.stages} - {1.0})
-        meshes = {share: simplified_mesh(self.character, observations.surface, share) for share in shares}
+        meshes = {share: simplified_mesh(observations.character, observations.surface, share) for share in shares}
         whole = (("body", tuple(range(skeleton.num_dofs))),) if plan.groups == "whole" else None
         self.groups = group_searches(self.character, meshes, whole)
         self.limbs = [number for number, group in enumerate(self.groups) if group.name in skeleton.limbs]

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxmocap._cache import cached_jit, compile_ahead, optimised_jit
-from jaxmocap.character import Character, Pose, Skeleton, retract, simplify
+from jaxmocap.character import VERTICES_STEP, Character, Pose, Skeleton, filled_up, retract, simplify
 from jaxmocap.energies import (
     Base,
     BodyPart,
@@ -25,7 +25,7 @@ from jaxmocap.energies import (
     prepare_base,
     score_particles,
 )
-from jaxmocap.observation import FrameProblem, Surface, simplified_surface
+from jaxmocap.observation import FrameProblem, Surface, filled_surface, simplified_surface
 from jaxmocap.samplers import AbstractSampler, Pool, run
 
 REGION_STEP = 64
@@ -34,9 +34,6 @@ WHOLE = 2 / 3
 and like captures share their programs."""
 
 _LEAST_FACES = 500
-_FACES_STEP, _VERTICES_STEP = 256, 128
-"""Simplified meshes are filled up to multiples of these, so that different ones share their programs."""
-
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
 
@@ -52,33 +49,11 @@ class Mesh(eqx.Module):
 
 
 def simplified_mesh(character: Character, surface: Surface, share: float) -> Mesh:
-    """Simplify the mesh to this share of its faces, and fill it up with faces of no area that nothing moves (host)."""
+    """Simplify the mesh to this share of its faces, and fill it up (host)."""
     simple, nearest = simplify(character, max(round(share * character.faces.shape[0]), _LEAST_FACES))
+    filled = filled_up(replace(simple, name="simplified"))
     tables = simplified_surface(surface, np.asarray(simple.faces), nearest)
-    num_faces, num_vertices = len(simple.faces), len(simple.vertices)
-    faces, vertices = -num_faces % _FACES_STEP, -(num_vertices + 1) % _VERTICES_STEP + 1
-
-    def filled(values: Array, more: int, axis: int = 0, fill: float = 0) -> Array:
-        wider = [(0, more if number == axis else 0) for number in range(values.ndim)]
-        return jax.device_put(np.pad(np.asarray(values), wider, constant_values=fill))
-
-    near = filled(tables.near_faces, faces)
-    words = -(-(num_faces + faces) // 32)
-    return Mesh(
-        Character(
-            "simplified",
-            simple.skeleton,
-            filled(simple.vertices, vertices),
-            filled(simple.faces, faces, fill=num_vertices),
-            filled(simple.weights, vertices),
-        ),
-        Surface(
-            filled(tables.colour_distance, faces, 1, 1.0),
-            filled(near, words - near.shape[1], 1),
-            filled(tables.mean_colour, faces, 1),
-            filled(tables.has_colour, faces, 1),
-        ),
-    )
+    return Mesh(filled, filled_surface(tables, filled.faces.shape[0]))
 
 
 class Stage(eqx.Module):
@@ -430,8 +405,8 @@ def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
         alike = [plain[o] for o, _ in groups if _like(character.skeleton, o) == _like(character.skeleton, name)]
         shapes = [(part.faces.shape[1], part.vertices.shape[0], part.dofs.shape[0]) for part in alike]
         num_faces, num_vertices, num_dofs = np.max(shapes, axis=0).tolist()
-        num_faces = min(_power(num_faces), -(-character.faces.shape[0] // _FACES_STEP) * _FACES_STEP)
-        num_vertices = max(-(-num_vertices // _VERTICES_STEP) * _VERTICES_STEP, num_faces // 2 + _VERTICES_STEP)
+        num_faces = min(_power(num_faces), character.faces.shape[0])
+        num_vertices = max(-(-num_vertices // VERTICES_STEP) * VERTICES_STEP, num_faces // 2 + VERTICES_STEP)
         parts[name] = body_part(character, dofs, num_faces, num_vertices, num_dofs)
     return parts
 

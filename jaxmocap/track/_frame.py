@@ -58,8 +58,8 @@ class FrameTracker:
     next is a `TrackingState`, and every stage takes the state and the frame and returns what it has changed."""
 
     def __init__(self, observations: Observations, tracker: Tracker, key: PRNGKeyArray):
-        self.observations = observations
-        self.character = observations.character
+        self.observations = observations.filled_up()
+        self.character = self.observations.character
         self.tracker = tracker
         self.evidence = Evidence.of(self.character)
         self.score = PoseScore(tracker.scored, self.character)
@@ -68,7 +68,9 @@ class FrameTracker:
         self.body_search = (
             None if search is None else BodySearch(observations, tracker.scored, search, tracker.sampler, *scored)
         )
-        self.refinement = None if refine is None else Refinement(observations, refine, tracker.flow, tracker.detections)
+        self.refinement = (
+            None if refine is None else Refinement(self.observations, refine, tracker.flow, tracker.detections)
+        )
         self.compiling: threading.Thread | None = None
 
     def first(self, shown: FrameImages, pose: Pose) -> Step:

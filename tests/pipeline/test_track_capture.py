@@ -71,8 +71,8 @@ def test_the_folder_holds_the_result(result):
     assert ("track", 6, 6) in told
 
 
-def test_the_result_is_the_golden_one(result):
-    hold_against_golden(result[0], "synthetic")
+def test_the_result_is_as_good_as_the_golden_one(folder, result):
+    hold_against_golden(result[0], folder / "truth.npz", "synthetic")
 
 
 def test_the_same_seed_gives_the_same_bytes(folder, result, tmp_path):
