@@ -1,7 +1,7 @@
 """Errors that are kept: how far tracking was from the truth when somebody last looked at it and was content.
 
-`JAXMOCAP_RENEW_GOLDEN=1 pytest -n 0 -m slow -k golden tests/track tests/pipeline` writes them anew. Poses themselves are
-not kept: another processor rounds otherwise, and a search ends a centimetre elsewhere that is as near to the truth.
+`JAXMOCAP_RENEW_GOLDEN=1 pytest -n 0 -m slow -k golden tests/track tests/pipeline` writes them anew. Poses themselves
+are not kept: another processor rounds otherwise, and a search ends a centimetre elsewhere that is as near to the truth.
 """
 
 import json

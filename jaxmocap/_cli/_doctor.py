@@ -18,6 +18,9 @@ UNSOUND = 1
 
 def doctor(
     test: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the self-test.")] = True,
+    warm: Annotated[
+        bool, tyro.conf.arg(help_behavior_hint="", help="Also compile what tracking two films runs, for some minutes.")
+    ] = False,
     json: Json = False,
 ) -> int:
     """Print versions, devices, caches, codecs and optional parts, and run a self-test of some seconds.
@@ -28,7 +31,9 @@ def doctor(
 
     if test:
         say("self-test ... (about ten seconds; a minute the first time, when programs are compiled)")
-    found = doctor(test=test)
+    if warm:
+        say("compiling what tracking runs ... (some minutes; the first film then need not)")
+    found = doctor(test=test, warm=warm)
     show(asdict(found), lambda: _tables(found), json_wanted=json)
     return UNSOUND if found.problems else 0
 
@@ -56,6 +61,8 @@ def _tables(found: "Diagnosis") -> Group:
     table = Table(title="jaxmocap doctor", title_justify="left", show_header=False)
     for name, text in rows:
         table.add_row(name, text)
+    if found.warmed is not None:
+        table.add_row("compiled ahead", f"what tracking two films runs, in {found.warmed:.0f} s")
     parts: list[Table | str] = [table]
     if found.tests:
         steps = Table(title="Self-test", title_justify="left")

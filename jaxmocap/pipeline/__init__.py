@@ -26,4 +26,5 @@ from ._track_capture import (
     registration_record as registration_record,
     track_capture as track_capture,
 )
+from ._warm_up import warm_up as warm_up
 from ._workers import Failure as Failure, on_workers as on_workers

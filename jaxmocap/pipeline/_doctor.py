@@ -14,6 +14,7 @@ from av.codec import Codec
 from jaxmocap._runtime import cores, versions
 
 from ._self_test import SelfTest, self_test
+from ._warm_up import warm_up
 
 PACKAGES = (
     *("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy", "opencv-python-headless", "av"),
@@ -43,7 +44,7 @@ class Diagnosis:
 
     `cache` has the `folder` of compiled programs (None where they are not kept), their `files` and `megabytes`, and
     whether it is `writable`. `extras` has a version, or None, per optional part. `tests` are those of the self-test,
-    empty where it was left out.
+    empty where it was left out. `warmed` is how many seconds it took to compile what tracking runs, if that was asked.
     """
 
     versions: dict[str, str]
@@ -55,11 +56,13 @@ class Diagnosis:
     extras: dict[str, str | None]
     tests: list[SelfTest]
     problems: list[str]
+    warmed: float | None = None
 
 
-def doctor(*, test: bool = True) -> Diagnosis:
+def doctor(*, test: bool = True, warm: bool = False) -> Diagnosis:
     """Examine this installation; a self-test of about ten seconds belongs to it, a minute the first time, when its
-    programs are compiled. Nothing is raised for what is wrong: `problems` says it."""
+    programs are compiled. With `warm` what tracking runs is compiled too, for some minutes, so that the first film need
+    not (`warm_up`). Nothing is raised for what is wrong: `problems` says it."""
     found = versions(PACKAGES)
     devices = [_device(device) for device in jax.devices()]
     cache = cache_state()
@@ -98,6 +101,7 @@ def doctor(*, test: bool = True) -> Diagnosis:
         extras={name: _version(package) for name, (package, _) in EXTRAS.items()},
         tests=tests,
         problems=problems,
+        warmed=warm_up() if warm else None,
     )
 
 

@@ -63,7 +63,7 @@ def test_margins_beyond_the_image_are_cut():
 
 
 def test_the_size_never_shrinks_and_grows_when_it_must():
-    large = np.array([[300, 100, 700, 500]] * 2, float)
+    large = np.array([[300, 50, 820, 570]] * 2, float)
     small = np.array([[600, 300, 650, 350]] * 2, float)
     first = place_rectangle(large, STILL, SIZES)
     kept = place_rectangle(small, STILL, SIZES, first)
@@ -74,7 +74,7 @@ def test_the_size_never_shrinks_and_grows_when_it_must():
     assert alone.width < first.width
     grown = place_rectangle(large, STILL, SIZES, alone)
     assert (grown.width, grown.height) == (first.width, first.height)
-    assert holds(grown, large, 40.0)
+    assert holds(grown, large, 52.0)
 
 
 def test_a_new_size_has_slack_so_that_small_growth_keeps_it():
