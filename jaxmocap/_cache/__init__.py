@@ -8,6 +8,7 @@ from ._programs import (
     make_room as make_room,
     optimised_jit as optimised_jit,
     preload_programs as preload_programs,
+    programs_are_kept as programs_are_kept,
     programs_recorded as programs_recorded,
 )
 from ._records import (

@@ -66,11 +66,16 @@ def optimised_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
     return cached_jit(function, quick_loops)
 
 
+def programs_are_kept() -> bool:
+    """Tell whether lowered programs are kept on disk: where a folder is named, for CPUs only."""
+    return bool(os.environ.get(FOLDER)) and jax.default_backend() == "cpu"
+
+
 def compile_ahead(function: Callable[..., Any], *args: Any) -> None:
     """Compile the program that a call of this function (a `cached_jit`) with these arguments will run; do not run it.
 
-    For a thread beside other work: XLA holds no lock, and a call that comes meanwhile waits for the program. Without a
-    folder of programs nothing is done.
+    For a thread beside other work: XLA holds no lock, and a call that comes meanwhile waits for the program. Where
+    programs are not kept nothing is done.
     """
     cast(_CachedJit, function).compile_ahead(*args)
 
@@ -178,10 +183,10 @@ class _CachedJit:
 
         It is made once: whoever asks for it meanwhile waits.
         """
-        folder = os.environ.get(FOLDER, "")
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
-        if not folder or jax.default_backend() != "cpu" or any(isinstance(one, jax.core.Tracer) for one in arrays):
+        if not programs_are_kept() or any(isinstance(one, jax.core.Tracer) for one in arrays):
             return None
+        folder = os.environ[FOLDER]
         shapes = tuple(_shape(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
         known = (folder, tree, shapes, *(_configuration().items()))
         with self.lock:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
-from jaxmocap._cache import free_programs
+from jaxmocap._cache import free_programs, programs_are_kept
 from jaxmocap._runtime import Clock
 from jaxmocap.character import Pose, difference, skin
 from jaxmocap.motion import MotionHistory, after
@@ -227,9 +227,9 @@ class FrameTracker:
             self.body_search.restore_sizes(sizes["search"])
 
     def _compile_ahead(self, frame: Frame, start: Pose, history: MotionHistory | None) -> None:
-        """Compile, in a thread beside the first search, what comes after it. It is a hint: a mistake shows when the
+        """Compile what comes after the first search in a thread beside it. It is a hint: a mistake shows when the
         program is called."""
-        if self.compiling is not None:
+        if self.compiling is not None or not programs_are_kept():
             return
 
         def work() -> None:
@@ -239,7 +239,7 @@ class FrameTracker:
                 if self.refinement is not None:
                     self.refinement(frame, start, history)
 
-        self.compiling = threading.Thread(target=work, name="programs of the first frame", daemon=True)
+        self.compiling = threading.Thread(target=work, name="programs of the first frame")
         self.compiling.start()
 
     def _revise(self, state: TrackingState, clock: Clock) -> tuple[TrackingState, list[FrameResult]]:
