@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from jaxmocap.camera import Cameras
-from jaxmocap.character import Character, Pose, skin
+from jaxmocap.character import Character, Pose, filled_up, skin
 from jaxmocap.render import face_ids, inverse_depth_range
 
 from ._edges import image_edges
@@ -180,14 +180,16 @@ def full_image_ids(
     character: Character, vertices: Float[Array, "vertex 3"], cameras: Cameras, frame: int
 ) -> list[np.ndarray]:
     """Draw face numbers over the whole image of every camera, -1 where the mesh is not seen."""
-    view = cameras.at(frame)
+    view, filled = cameras.at(frame), filled_up(character)
+    more = filled.vertices.shape[0] - vertices.shape[0]
+    vertices = np.pad(np.asarray(vertices), ((0, more), (0, 0)), mode="edge")
     intrinsics, cam_from_world = np.asarray(view.intrinsics), np.asarray(view.cam_from_world)
     result = []
     for camera, (width, height) in enumerate(cameras.sizes):
         pick = slice(camera, camera + 1)
         ids, _ = face_ids(
             vertices,
-            character.faces,
+            filled.faces,
             intrinsics[pick],
             cam_from_world[pick],
             np.zeros((1, 2), np.int32),

@@ -11,7 +11,7 @@ from jaxtyping import Float, PRNGKeyArray
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject, choose_frames
-from jaxmocap.character import Character, Pose, rest_pose, skin
+from jaxmocap.character import Character, Pose, filled_up, rest_pose, skin
 from jaxmocap.energies import keypoint_rays
 from jaxmocap.observation import (
     Surface,
@@ -63,6 +63,7 @@ def register_frame(
     `start` replaces the inverse kinematics (needed when the frame has no keypoints). `overrides` fixes single DoFs.
     """
     settings = RegistrationSettings() if settings is None else settings
+    character = filled_up(character)
     views = range(cameras.num_cameras)
     view = cameras.at(frame)
     keypoints = [capture.keypoints(c, frame) for c in views]
@@ -151,6 +152,7 @@ def register(
         for finding in check_subject(capture, cameras):
             if finding.severity == "error":
                 raise InputError(f"capture '{capture.name}': {finding.message}")
+    character = filled_up(character)
     surface = surface_of(character, None, cameras.num_cameras)
     return {
         frame: register_frame(
