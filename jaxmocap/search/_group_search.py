@@ -28,7 +28,12 @@ from jaxmocap.energies import (
 from jaxmocap.observation import FrameProblem, Surface, filled_surface, simplified_surface
 from jaxmocap.samplers import AbstractSampler, Pool, run
 
-REGION_STEP = 64
+REGION_SIDES = (128, 192, 256, 384, 512, 768, 1024, 1536, 2048)
+"""Pixels that a side of a region may have: few, so that captures share programs."""
+
+REGION_SLACK = 1.15
+"""A new region is this much larger than needed."""
+
 WHOLE = 2 / 3
 """Share of the rectangle from which on a region is all of it: nothing outside is to be looked at, for few more pixels,
 and like captures share their programs."""
@@ -263,20 +268,25 @@ class GroupSearch:
     sizes: Sizes = field(default_factory=lambda: Sizes(256))
     distal: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
 
-    def place_region(self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem) -> Int[np.ndarray, "camera 2"]:
-        """Place the region's corners in the rectangle; its size grows in steps until it is the rectangle's."""
+    def place_region(
+        self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem, square: bool
+    ) -> Int[np.ndarray, "camera 2"]:
+        """Place the region's corners in the rectangle; its size grows in steps until it is the rectangle's.
+
+        It is `square` for particles that look further afield, which leaves fewer sizes.
+        """
         height, width = problem.size
         boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
-        extent = (boxes[:, 2:] - boxes[:, :2]).max(0) + 16
-        size = []
-        for axis, full in ((1, height), (0, width)):
-            old = self.sizes.region[1 - axis]
-            need = min(float(extent[axis]), full)
-            size.append(old if need <= old else int(min(-(-need * 1.35 // REGION_STEP) * REGION_STEP, full)))
+        extent = (boxes[:, 2:] - boxes[:, :2]).max(0)[::-1] + 16
+        need = np.minimum(np.full(2, extent.max()) if square else extent, (height, width))
+        size = self.sizes.region
+        if (need > size).any():
+            sides = [next((s for s in REGION_SIDES if s >= REGION_SLACK * each), each) for each in need]
+            size = np.maximum(size, np.minimum(sides, (height, width)))
         if size[0] * size[1] > WHOLE * height * width:
             self.sizes.region = (height, width)
             return np.zeros((len(boxes), 2), np.int32)
-        size = (min(-(-size[0] // 8) * 8, height // 8 * 8), min(-(-size[1] // 8) * 8, width // 8 * 8))
+        size = (int(size[0]) // 8 * 8, int(size[1]) // 8 * 8)
         self.sizes.region = size
         centre = 0.5 * (boxes[:, :2] + boxes[:, 2:])
         top = np.clip(centre[:, 1] - size[0] / 2, 0, height - size[0])
@@ -355,7 +365,7 @@ class GroupSearch:
         if len(meshes) == len(drawn):  # the character's own mesh then leaves no trace in the shapes
             character, problem, part = meshes[0].character, replace(problem, surface=meshes[0].surface), drawn[0][1]
         boxes = np.asarray(particle_boxes(character, part, pose, problem, jax.device_put(cloud)))
-        corners = jax.device_put(self.place_region(boxes, problem))
+        corners = jax.device_put(self.place_region(boxes, problem, square=reach.wide > 0))
         group = GroupProblem(character, part, pose, problem, Region(corners, self.sizes.region))
         box = _Box(*jax.device_put((np.asarray(spread, np.float32), lower, upper)))
         return _Task(group, box, drawn)

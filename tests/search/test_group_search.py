@@ -220,7 +220,7 @@ def test_region_holds_the_limb_and_only_grows(world, searches):
     height, width = problem.size
     small, large = np.array([[100.0, 90, 130, 130]] * 2), np.array([[80.0, 60, 170, 180]] * 2)
     for boxes in (small, large, small):
-        corners = search.place_region(boxes, problem)
+        corners = search.place_region(boxes, problem, square=False)
         size = search.sizes.region
         assert np.all(corners % 8 == 0)
         assert np.all(corners >= 0)
@@ -229,5 +229,5 @@ def test_region_holds_the_limb_and_only_grows(world, searches):
         assert np.all(corners[:, ::-1] + size[::-1] >= boxes[:, 2:])
     after_large = search.sizes.region
     assert after_large[0] >= 120
-    search.place_region(np.array([[-500.0, -500, 2000, 2000], [np.nan] * 4]), problem)
+    search.place_region(np.array([[-500.0, -500, 2000, 2000], [np.nan] * 4]), problem, square=True)
     assert np.all(np.array(search.sizes.region) <= [height, width])
