@@ -8,9 +8,11 @@ from jaxtyping import Float, Int
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 
-SIDES = (512, 768, 1024, 1536, 2048)
+SIDES = (540, 768, 1080, 1536, 2160)
 """Pixels of both sides, where the picture is as large: few shapes, so that the programs compiled for one capture serve
-the next. Three quarters more pixels than needed cost 3 % of a frame's time (street)."""
+the next. The first is the shorter side of the usual picture, held upright or not. Three quarters more pixels than
+needed cost 3 % of a frame's time (street).
+"""
 SLACK = 1.05
 """A new size is this much larger than needed."""
 

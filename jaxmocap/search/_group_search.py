@@ -31,6 +31,9 @@ from jaxmocap.samplers import AbstractSampler, Pool, run
 REGION_SIDES = (128, 192, 256, 384, 512, 768, 1024, 1536, 2048)
 """Pixels that a side of a region may have: few, so that captures share programs."""
 
+LEAST_SQUARE = 384
+"""Pixels of the smallest square region: limbs of nearly all persons then have that or the whole rectangle."""
+
 REGION_SLACK = 1.15
 """A new region is this much larger than needed."""
 
@@ -278,10 +281,10 @@ class GroupSearch:
         height, width = problem.size
         boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
         extent = (boxes[:, 2:] - boxes[:, :2]).max(0)[::-1] + 16
-        need = np.minimum(np.full(2, extent.max()) if square else extent, (height, width))
-        size = self.sizes.region
+        need, least = (np.full(2, extent.max()), LEAST_SQUARE) if square else (extent, 0)
+        need, size = np.minimum(need, (height, width)), self.sizes.region
         if (need > size).any():
-            sides = [next((s for s in REGION_SIDES if s >= REGION_SLACK * each), each) for each in need]
+            sides = [next((s for s in REGION_SIDES if s >= max(REGION_SLACK * each, least)), each) for each in need]
             size = np.maximum(size, np.minimum(sides, (height, width)))
         if size[0] * size[1] > WHOLE * height * width:
             self.sizes.region = (height, width)
