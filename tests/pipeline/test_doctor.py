@@ -99,14 +99,17 @@ def diagnosis(**changes) -> Diagnosis:
 
 
 def test_the_command_tells_everything_and_exits_with_1_if_something_is_wrong(monkeypatch, capsys):
-    monkeypatch.setattr("jaxmocap.pipeline.doctor", lambda test: diagnosis())
+    monkeypatch.setattr("jaxmocap.pipeline.doctor", lambda test, warm: diagnosis(warmed=83.0 if warm else None))
     assert run(["doctor"]) == 0
     out = capsys.readouterr().out
     assert "All is well." in out
     assert "VP9" not in out
+    assert "compiled ahead" not in out
+    assert run(["doctor", "--warm"]) == 0
+    assert "in 83 s" in capsys.readouterr().out
     assert "jaxmocap[usd]" in out.replace("\n", "")
     wrong = diagnosis(tests=[SelfTest("search", False, "found nothing", 2.0)], problems=["the self-test failed"])
-    monkeypatch.setattr("jaxmocap.pipeline.doctor", lambda test: wrong)
+    monkeypatch.setattr("jaxmocap.pipeline.doctor", lambda test, warm: wrong)
     assert run(["doctor", "--json"]) == 1
     out, err = capsys.readouterr()
     assert json.loads(out)["tests"][0]["said"] == "found nothing"
