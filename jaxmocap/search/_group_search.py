@@ -32,7 +32,7 @@ REGION_SIDES = (128, 192, 256, 384, 512, 768, 1024, 1536, 2048)
 """Pixels that a side of a region may have: few, so that captures share programs."""
 
 LEAST_SQUARE = 384
-"""Pixels of the smallest square region: limbs of nearly all persons then have that or the whole rectangle."""
+"""Pixels of the smallest square region: nearly all searches then have that or the whole rectangle."""
 
 REGION_SLACK = 1.15
 """A new region is this much larger than needed."""
@@ -276,7 +276,7 @@ class GroupSearch:
     ) -> Int[np.ndarray, "camera 2"]:
         """Place the region's corners in the rectangle; its size grows in steps until it is the rectangle's.
 
-        It is `square` for particles that look further afield, which leaves fewer sizes.
+        It is `square` for coarse stages, to which pixels cost little: that leaves fewer sizes.
         """
         height, width = problem.size
         boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
@@ -368,7 +368,7 @@ class GroupSearch:
         if len(meshes) == len(drawn):  # the character's own mesh then leaves no trace in the shapes
             character, problem, part = meshes[0].character, replace(problem, surface=meshes[0].surface), drawn[0][1]
         boxes = np.asarray(particle_boxes(character, part, pose, problem, jax.device_put(cloud)))
-        corners = jax.device_put(self.place_region(boxes, problem, square=reach.wide > 0))
+        corners = jax.device_put(self.place_region(boxes, problem, square=all(stage.step > 1 for stage in stages)))
         group = GroupProblem(character, part, pose, problem, Region(corners, self.sizes.region))
         box = _Box(*jax.device_put((np.asarray(spread, np.float32), lower, upper)))
         return _Task(group, box, drawn)
