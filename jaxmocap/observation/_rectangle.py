@@ -10,8 +10,8 @@ from jaxmocap.camera import Cameras
 
 SIDES = (540, 768, 1080, 1536, 2160)
 """Pixels of both sides, where the picture is as large: few shapes, so that the programs compiled for one capture serve
-the next. The first is the shorter side of the usual picture, held upright or not. Three quarters more pixels than
-needed cost 3 % of a frame's time (street).
+the next. The first is the shorter side of the usual picture, held upright or not; a smaller picture's own comes before
+it. Three quarters more pixels than needed cost 3 % of a frame's time (street).
 """
 SLACK = 1.05
 """A new size is this much larger than needed."""
@@ -89,7 +89,9 @@ def place_rectangle(
     if previous is not None and (need <= (previous.width, previous.height)).all():
         width, height = previous.width, previous.height
     else:
-        side = next((side for side in SIDES if side >= need.max() * SLACK), limit.max())
+        sides = (limit.min(), *SIDES) if limit.min() < SIDES[0] else SIDES
+        wanted = np.minimum(SLACK * need, limit)
+        side = next((side for side in sides if (wanted <= np.minimum(side, limit)).all()), limit.max())
         width, height = (int(min(side, most)) for most in limit)
     origins = []
     for camera, (full_width, full_height) in enumerate(sizes):

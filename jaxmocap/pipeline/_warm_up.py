@@ -19,8 +19,8 @@ def warm_up(num_cameras: int = 2) -> float:
     """Compile what tracking `num_cameras` films runs, and keep it; return the seconds that took.
 
     A synthetic capture is tracked with keypoints, as `run` does. Another capture then finds nearly all its programs, as
-    long as the person is at most 514 pixels large where the longest side of a picture has 960, and its mesh has about
-    as many faces as the built-in body.
+    long as it is as large, the person fills no more than its shorter side, and the mesh has about as many faces as the
+    built-in body.
     """
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as name:

@@ -91,6 +91,13 @@ def test_the_size_stays_inside_the_smallest_image_in_multiples_of_four():
     assert np.all(placed.origins % 4 == 0)
 
 
+def test_a_small_picture_has_the_square_of_its_shorter_side():
+    sizes = ((480, 270), (480, 270))
+    far, near, wide = ([100, 50, 200, 240], [100, 10, 250, 265], [50, 10, 330, 265])
+    for box, size in ((far, (268, 268)), (near, (268, 268)), (wide, (268, 480))):
+        assert place_rectangle(np.array([box, box], float), STILL, sizes).size == size
+
+
 @pytest.mark.parametrize("box", [(-300, 10, -20, 400), (1300, 10, 1500, 400), (10, -400, 200, -5), (10, 730, 200, 900)])
 def test_a_person_out_of_view_is_refused_and_the_camera_named(box):
     boxes = np.array([[300, 100, 700, 500], box], float)
