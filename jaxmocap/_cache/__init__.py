@@ -3,12 +3,10 @@
 from ._key import code_hash as code_hash, machine as machine
 from ._programs import (
     cached_jit as cached_jit,
-    compile_ahead as compile_ahead,
     free_programs as free_programs,
     make_room as make_room,
     optimised_jit as optimised_jit,
     preload_programs as preload_programs,
-    programs_are_kept as programs_are_kept,
     programs_recorded as programs_recorded,
 )
 from ._records import (

@@ -6,7 +6,6 @@ import functools
 import json
 import os
 import sys
-import threading
 import weakref
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -64,20 +63,6 @@ def cached_jit(function: Callable[_P, _T], options: Callable[[], dict[str, Any]]
 def optimised_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """Wrap what runs for seconds in every frame in `cached_jit`, compiled for speed where that takes XLA longer."""
     return cached_jit(function, quick_loops)
-
-
-def programs_are_kept() -> bool:
-    """Tell whether lowered programs are kept on disk: where a folder is named, for CPUs only."""
-    return bool(os.environ.get(FOLDER)) and jax.default_backend() == "cpu"
-
-
-def compile_ahead(function: Callable[..., Any], *args: Any) -> None:
-    """Compile the program that a call of this function (a `cached_jit`) with these arguments will run; do not run it.
-
-    For a thread beside other work: XLA holds no lock, and a call that comes meanwhile waits for the program. Where
-    programs are not kept nothing is done.
-    """
-    cast(_CachedJit, function).compile_ahead(*args)
 
 
 @contextlib.contextmanager
@@ -140,8 +125,7 @@ class _CachedJit:
         self.every.add(self)
         self.function = function
         self.options = options
-        self.programs: dict[Any, Future[_Program | None]] = {}
-        self.lock = threading.Lock()
+        self.programs: dict[Any, _Program | None] = {}
 
     @functools.cached_property
     def traced(self) -> Callable[..., Any]:
@@ -151,58 +135,31 @@ class _CachedJit:
 
     def free(self) -> None:
         """Drop the compiled programs; the next call reads or traces them again."""
-        with self.lock:
-            programs = list(self.programs.values())
-            self.programs.clear()
-        for making in programs:
-            found = making.result() if making.done() and making.exception() is None else None
-            if found is not None and hasattr(
-                found[0], "clear_cache"
-            ):  # what was compiled ahead goes with its last user
+        for found in self.programs.values():
+            if found is not None:
                 found[0].clear_cache()
+        self.programs.clear()
         if (traced := self.__dict__.pop("traced", None)) is not None:
             traced._cached.clear_cache()
 
     def __call__(self, *args: Any) -> Any:
+        folder = os.environ.get(FOLDER, "")
         leaves, tree = jax.tree.flatten(args)
-        found = self._found(tree, leaves)
+        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+        if not folder or jax.default_backend() != "cpu" or any(isinstance(one, jax.core.Tracer) for one in arrays):
+            return self.traced(*args)
+        shapes = tuple(_shape(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
+        known = (folder, tree, shapes, *(_configuration().items()))
+        if known not in self.programs:
+            self.programs[known] = self._program(Path(folder), tree, leaves, arrays)
+        found = self.programs[known]
         if found is None:
             return self.traced(*args)
         program, answer = found
-        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
         values = jax.device_put([np.asarray(value) for value in program(*arrays)])  # as free to move as traced ones
         return jax.tree.unflatten(answer, values)
 
-    def compile_ahead(self, *args: Any) -> None:
-        """Have the program ready before it is called."""
-        leaves, tree = jax.tree.flatten(args)
-        self._found(tree, leaves, compile_it=True)
-
-    def _found(self, tree: Any, leaves: list[Any], compile_it: bool = False) -> _Program | None:
-        """Find the program for these arguments, or make it; None where the function has to be traced as ever.
-
-        It is made once: whoever asks for it meanwhile waits.
-        """
-        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
-        if not programs_are_kept() or any(isinstance(one, jax.core.Tracer) for one in arrays):
-            return None
-        folder = os.environ[FOLDER]
-        shapes = tuple(_shape(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
-        known = (folder, tree, shapes, *(_configuration().items()))
-        with self.lock:
-            first = known not in self.programs
-            making = self.programs.setdefault(known, Future())
-        if first:
-            try:
-                making.set_result(self._program(Path(folder), tree, leaves, arrays, compile_it))
-            except BaseException as error:
-                self.programs.pop(known, None)
-                making.set_exception(error)
-        return making.result()
-
-    def _program(
-        self, folder: Path, tree: Any, leaves: list[Any], arrays: list[Any], compile_it: bool
-    ) -> _Program | None:
+    def _program(self, folder: Path, tree: Any, leaves: list[Any], arrays: list[Any]) -> _Program | None:
         """From disk, or traced and put there; None where it cannot be kept."""
         try:
             path = (
@@ -213,12 +170,12 @@ class _CachedJit:
         _used[path.name] = None
         with contextlib.suppress(*_UNREADABLE):
             loading = _ahead.pop(path, None)
-            found = _read(path, compile_it) if loading is None or loading.cancel() else loading.result()
+            found = _read(path) if loading is None or loading.cancel() else loading.result()
             os.utime(path)
             return found
         try:
             stored = self._lowered(tree, leaves, arrays)
-            program = _loaded(stored, compile_it)
+            program = _loaded(stored)
         except _UNKEEPABLE:
             return None
         with contextlib.suppress(OSError, TypeError):
@@ -269,11 +226,11 @@ def _loaded(stored: dict[str, Any], compile_it: bool = False) -> _Program:
     if exported.nr_devices > 1:
         mesh = jax.sharding.Mesh(np.array(jax.local_devices()), ("every",))
         options["in_shardings"] = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
-    ready: Any = jax.jit(program, **options)
+    jitted = jax.jit(program, **options)
     if compile_it:
         specs = zip(exported.in_avals, stored["weak"], strict=True)
-        ready = ready.lower(*(jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=weak) for a, weak in specs)).compile()
-    return ready, jax.tree.structure(stored["answer"])
+        jitted.lower(*(jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=weak) for a, weak in specs)).compile()
+    return jitted, jax.tree.structure(stored["answer"])
 
 
 def _weak(array: Any) -> bool:

@@ -100,26 +100,6 @@ class BodySearch:
     ) -> tuple[Pose, Float[np.ndarray, "dof"]]:
         """Search one group; `wide` is the share of far particles, by default the plan's for a limb and else none, and
         `within` how many times the spread they may go."""
-        found = self.groups[number](*self._arguments(number, pose, problem, history, key, wide, within))
-        return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
-
-    def compile_ahead(self, pose: Pose, problem: FrameProblem, history: MotionHistory | None) -> None:
-        """Compile the search of the limbs around a pose, which is another program than that of root and torso."""
-        for number in self.limbs[:1]:
-            key = self.key_of(0, number)
-            self.groups[number].compile_ahead(*self._arguments(number, pose, problem, history, key, None, np.inf))
-
-    def _arguments(
-        self,
-        number: int,
-        pose: Pose,
-        problem: FrameProblem,
-        history: MotionHistory | None,
-        key: PRNGKeyArray,
-        wide: float | None,
-        within: float,
-    ) -> tuple[Any, ...]:
-        """List what the search of a group takes."""
         plan, group = self.plan, self.groups[number]
         limb = number in self.limbs
         wide = (plan.wide if limb else 0.0) if wide is None else wide
@@ -128,7 +108,8 @@ class BodySearch:
         share = 1.0 if limb else plan.trunk
         sampler = plan.sized(self.sampler, group.dofs, share, len(group.part.dofs))
         spread = self.character.skeleton.initial_spread * plan.spread * pace * share
-        return stages, sampler, self.character, pose, problem, spread, key, Reach(wide, within, plan.prior)
+        found = group(stages, sampler, self.character, pose, problem, spread, key, Reach(wide, within, plan.prior))
+        return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
 
     def remember(self, memory: SearchMemory, drawn: DrawnPose) -> SearchMemory:
         """Remember a frame's answer: how well it explains each group, and the limbs it shows."""

@@ -1,7 +1,6 @@
 """The sample-based search of sec. 4.1: one group of DoFs at a time, a whole generation of particles per compiled
 call."""
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from jaxmocap._cache import cached_jit, compile_ahead, optimised_jit
+from jaxmocap._cache import cached_jit, optimised_jit
 from jaxmocap.character import VERTICES_STEP, Character, Pose, Skeleton, filled_up, retract, simplify
 from jaxmocap.energies import (
     Base,
@@ -324,22 +323,6 @@ class GroupSearch:
                 sizes.capacity[level] = max(sizes.capacity[level], _power(1.2 * count))
             sizes.base_capacity = max(sizes.base_capacity, _power(1.1 * needed_base))
             sizes.far_capacity = max(sizes.far_capacity, _power(1.1 * needed_far))
-
-    def compile_ahead(
-        self,
-        stages: tuple[Stage, ...],
-        sampler: AbstractSampler,
-        character: Character,
-        pose: Pose,
-        problem: FrameProblem,
-        spread: Float[np.ndarray, "dof"],
-        key: PRNGKeyArray,
-        reach: Reach = ANYWHERE,
-    ) -> None:
-        """Compile what a search with these arguments runs, in a thread beside other searches; nothing is remembered."""
-        own = replace(self, sizes=copy.deepcopy(self.sizes))
-        task = own._task(stages, character, pose, problem, spread, reach)
-        compile_ahead(_search, *own._arguments(stages, sampler, task, key, reach))
 
     def _task(
         self,

@@ -1,14 +1,12 @@
 """One frame: start, search, refine, judge. Sec. 4 of the paper from top to bottom."""
 
-import contextlib
-import threading
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
-from jaxmocap._cache import free_programs, programs_are_kept
+from jaxmocap._cache import free_programs
 from jaxmocap._runtime import Clock
 from jaxmocap.character import Pose, difference, skin
 from jaxmocap.motion import MotionHistory, after
@@ -71,7 +69,6 @@ class FrameTracker:
         self.refinement = (
             None if refine is None else Refinement(self.observations, refine, tracker.flow, tracker.detections)
         )
-        self.compiling: threading.Thread | None = None
 
     def first(self, shown: FrameImages, pose: Pose) -> Step:
         """Take a registered pose as the answer of a frame, at which a sequence starts."""
@@ -128,7 +125,6 @@ class FrameTracker:
         """Search the pose from this start; return it with the deviation of the last particles (sec. 4.1)."""
         pose, deviation = start, np.zeros(self.character.skeleton.num_dofs)
         if self.body_search is not None:
-            self._compile_ahead(frame, start, state.history)
             memory = state.search
             assert memory is not None
             pose, deviation, memory = self.body_search(frame, pose, state.history, memory, clock, state.lost)
@@ -225,22 +221,6 @@ class FrameTracker:
         self.score.capacity = sizes["score"]
         if self.body_search is not None:
             self.body_search.restore_sizes(sizes["search"])
-
-    def _compile_ahead(self, frame: Frame, start: Pose, history: MotionHistory | None) -> None:
-        """Compile what comes after the first search in a thread beside it. It is a hint: a mistake shows when the
-        program is called."""
-        if self.compiling is not None or not programs_are_kept():
-            return
-
-        def work() -> None:
-            assert self.body_search is not None
-            with contextlib.suppress(Exception):
-                self.body_search.compile_ahead(start, frame.problem, history)
-                if self.refinement is not None:
-                    self.refinement(frame, start, history)
-
-        self.compiling = threading.Thread(target=work, name="programs of the first frame")
-        self.compiling.start()
 
     def _revise(self, state: TrackingState, clock: Clock) -> tuple[TrackingState, list[FrameResult]]:
         """Revise the results of earlier frames, and the state that follows from them."""
