@@ -119,8 +119,10 @@ def filled_up(character: Character) -> Character:
     and the room that it takes stay as they are.
     """
     vertices, faces, weights = (np.asarray(leaf) for leaf in (character.vertices, character.faces, character.weights))
-    copied = int(weights[:, 0].argmax())
     more_faces, more_vertices = -len(faces) % FACES_STEP, -len(vertices) % VERTICES_STEP
+    if more_faces == more_vertices == 0:
+        return character
+    copied = int(weights[:, 0].argmax())
     return Character(
         character.name,
         character.skeleton,

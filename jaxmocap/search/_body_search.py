@@ -13,9 +13,10 @@ from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import Frame, FrameProblem, Observations
 from jaxmocap.samplers import AbstractSampler
 
+from ._drawn_meshes import simplified_mesh
 from ._evidence import DrawnPose, Evidence, PoseScore
 from ._gating import SearchMemory, gated
-from ._group_search import Reach, Stage, group_searches, simplified_mesh
+from ._group_search import Reach, Stage, group_searches
 from ._plan import SearchPlan
 
 WIDE_TRUNK = 0.5

@@ -12,20 +12,21 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxmocap._cache import cached_jit, optimised_jit
-from jaxmocap.character import VERTICES_STEP, Character, Pose, Skeleton, filled_up, retract, simplify
+from jaxmocap.character import Character, Pose, retract
 from jaxmocap.energies import (
     Base,
     BodyPart,
     GroupProblem,
     Region,
     SearchEnergy,
-    body_part,
     part_windows,
     prepare_base,
     score_particles,
 )
-from jaxmocap.observation import FrameProblem, Surface, filled_surface, simplified_surface
+from jaxmocap.observation import FrameProblem
 from jaxmocap.samplers import AbstractSampler, Pool, run
+
+from ._drawn_meshes import Groups, Mesh, alike_parts, is_limb, power_of_two
 
 REGION_SIDES = (128, 192, 256, 384, 512, 768, 1024, 1536, 2048)
 """Pixels that a side of a region may have: few, so that captures share programs."""
@@ -40,27 +41,11 @@ WHOLE = 2 / 3
 """Share of the rectangle from which on a region is all of it: nothing outside is to be looked at, for few more pixels,
 and like captures share their programs."""
 
-_LEAST_FACES = 500
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
 
 POOL = 20
 """As many particles are drawn for each one that starts further afield; the best ones are taken."""
-
-
-class Mesh(eqx.Module):
-    """A simplified character and its tables."""
-
-    character: Character
-    surface: Surface
-
-
-def simplified_mesh(character: Character, surface: Surface, share: float) -> Mesh:
-    """Simplify the mesh to this share of its faces, and fill it up (host)."""
-    simple, nearest = simplify(character, max(round(share * character.faces.shape[0]), _LEAST_FACES))
-    filled = filled_up(replace(simple, name="simplified"))
-    tables = simplified_surface(surface, np.asarray(simple.faces), nearest)
-    return Mesh(filled, filled_surface(tables, filled.faces.shape[0]))
 
 
 class Stage(eqx.Module):
@@ -244,10 +229,6 @@ def _search(
     )
 
 
-def _power(count: float, least: int = 256) -> int:
-    return max(least, 2 ** int(np.ceil(np.log2(max(count, 1)))))
-
-
 @dataclass
 class Sizes:
     """Static sizes of a compiled search, which only grow; limbs share them, and so do root and torso. Windows are
@@ -320,9 +301,9 @@ class GroupSearch:
             ):
                 return result
             for level, count in needed.items():
-                sizes.capacity[level] = max(sizes.capacity[level], _power(1.2 * count))
-            sizes.base_capacity = max(sizes.base_capacity, _power(1.1 * needed_base))
-            sizes.far_capacity = max(sizes.far_capacity, _power(1.1 * needed_far))
+                sizes.capacity[level] = max(sizes.capacity[level], power_of_two(1.2 * count))
+            sizes.base_capacity = max(sizes.base_capacity, power_of_two(1.1 * needed_base))
+            sizes.far_capacity = max(sizes.far_capacity, power_of_two(1.1 * needed_far))
 
     def _task(
         self,
@@ -362,7 +343,7 @@ class GroupSearch:
         """Prepare what the particles share, and list what `_search` takes."""
         sizes, group, levels = self.sizes, task.group, []
         for stage, (mesh, part) in zip(stages, task.drawn, strict=True):
-            capacity = sizes.capacity.setdefault(_name(stage), _power(1.3 * part.faces.shape[1]))
+            capacity = sizes.capacity.setdefault(_name(stage), power_of_two(1.3 * part.faces.shape[1]))
             sized = replace(stage, energy=stage.energy.with_capacity(sizes.far_capacity))
             levels.append(_Level(sized, mesh, part, capacity))
         unseen = tuple(replace(level, part=level.part.unseen()) for level in levels)
@@ -384,29 +365,6 @@ def _name(stage: Stage) -> tuple[int, float]:
     return stage.step, stage.faces
 
 
-Groups = tuple[tuple[str, tuple[int, ...]], ...]
-
-
-def _like(skeleton: Skeleton, name: str) -> bool:
-    """Tell whether a group is a limb: limbs share one compiled search, and root and torso another."""
-    return name in skeleton.limbs
-
-
-def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
-    """Make the parts of all groups, those that share a search padded to the same shapes, which are few so that meshes
-    share it too."""
-    plain = {name: body_part(character, dofs) for name, dofs in groups}
-    parts = {}
-    for name, dofs in groups:
-        alike = [plain[o] for o, _ in groups if _like(character.skeleton, o) == _like(character.skeleton, name)]
-        shapes = [(part.faces.shape[1], part.vertices.shape[0], part.dofs.shape[0]) for part in alike]
-        num_faces, num_vertices, num_dofs = np.max(shapes, axis=0).tolist()
-        num_faces = min(_power(num_faces), character.faces.shape[0])
-        num_vertices = max(-(-num_vertices // VERTICES_STEP) * VERTICES_STEP, num_faces // 2 + VERTICES_STEP)
-        parts[name] = body_part(character, dofs, num_faces, num_vertices, num_dofs)
-    return parts
-
-
 def group_searches(
     character: Character, meshes: Mapping[float, Mesh] | None = None, groups: Groups | None = None
 ) -> list[GroupSearch]:
@@ -421,7 +379,7 @@ def group_searches(
     shared: dict[bool, Sizes] = {}
     searches = []
     for name, dofs in groups:
-        sizes = shared.setdefault(_like(skeleton, name), Sizes(_power(1.3 * character.faces.shape[0])))
+        sizes = shared.setdefault(is_limb(skeleton, name), Sizes(power_of_two(1.3 * character.faces.shape[0])))
         coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
         distal = jax.device_put(np.isin(np.asarray(parts[name].dofs), skeleton.distal))
         searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, distal))

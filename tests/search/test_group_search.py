@@ -14,7 +14,8 @@ from jaxmocap.energies import search_energy
 from jaxmocap.observation import draw, filled_surface, simplified_surface
 from jaxmocap.samplers import InteractingSimulatedAnnealing
 from jaxmocap.search import PoseScore, Reach, Stage, group_searches, uncovered_share
-from jaxmocap.search._group_search import simplified_mesh, wide_population
+from jaxmocap.search._drawn_meshes import simplified_mesh
+from jaxmocap.search._group_search import wide_population
 
 FRAME = 2
 WIDTH = 7

@@ -1,5 +1,7 @@
 """A limb lost in one frame and seen in the next is found by looking back."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -50,8 +52,9 @@ def looked_back(world, poses, settings=BackwardSearch()):
     tracker = FrameTracker(world.observations(), plain, jax.random.key(0))
     state, found = tracker.first(world.shown(0), poses[0]).state._replace(recent=(), history=None), []
     for number, pose in enumerate(poses):
-        answer = Answer(pose, np.zeros(tracker.character.skeleton.num_dofs))
-        step = tracker.judge(state, world.frame(number), answer, Clock())
+        answer, frame = Answer(pose, np.zeros(tracker.character.skeleton.num_dofs)), world.frame(number)
+        frame = frame._replace(problem=replace(frame.problem, surface=tracker.observations.surface))
+        step = tracker.judge(state, frame, answer, Clock())
         state = step.state
         found.append(step.result)
     return tracker, found, step
@@ -64,7 +67,7 @@ def test_a_lost_arm_is_found_from_the_frame_after(world):
     assert [one.frame for one in revised] == [LOST]
     assert result.seconds["backward search"] > 0
     arm = next(group for group in tracker.body_search.groups if group.name == "l_arm")
-    vertices = np.unique(np.asarray(world.character.faces)[np.asarray(arm.part.moves)])
+    vertices = np.unique(np.asarray(tracker.character.faces)[np.asarray(arm.part.moves)])
     before, after = (vertex_errors(world, LOST, pose)[vertices].mean() for pose in (poses[LOST], revised[0].pose))
     assert before > 0.1
     assert after < 0.02
