@@ -182,13 +182,13 @@ def full_image_ids(
     """Draw face numbers over the whole image of every camera, -1 where the mesh is not seen."""
     view, filled = cameras.at(frame), filled_up(character)
     more = filled.vertices.shape[0] - vertices.shape[0]
-    vertices = np.pad(np.asarray(vertices), ((0, more), (0, 0)), mode="edge")
+    places = np.pad(np.asarray(vertices), ((0, more), (0, 0)), mode="edge")
     intrinsics, cam_from_world = np.asarray(view.intrinsics), np.asarray(view.cam_from_world)
     result = []
     for camera, (width, height) in enumerate(cameras.sizes):
         pick = slice(camera, camera + 1)
         ids, _ = face_ids(
-            vertices,
+            places,
             filled.faces,
             intrinsics[pick],
             cam_from_world[pick],

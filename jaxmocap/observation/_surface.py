@@ -109,8 +109,8 @@ def filled_surface(surface: Surface, num_faces: int) -> Surface:
 
     clusters = surface.clusters
     if clusters is not None:
-        tables = (filled(values) for values in (clusters.means, clusters.whiten, clusters.offset))
-        clusters = Clusters(*tables, clusters.settings)
+        means, whiten, offset = map(filled, (clusters.means, clusters.whiten, clusters.offset))
+        clusters = Clusters(means, whiten, offset, clusters.settings)
     return Surface(
         filled(surface.colour_distance, 1.0),
         jnp.pad(surface.near_faces, ((0, more), (0, words))),

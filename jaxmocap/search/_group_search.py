@@ -1,7 +1,7 @@
 """The sample-based search of sec. 4.1: one group of DoFs at a time, a whole generation of particles per compiled
 call."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -357,7 +357,7 @@ class _Task(NamedTuple):
 
     group: GroupProblem
     box: _Box
-    drawn: list[tuple[Mesh | None, BodyPart]]
+    drawn: Sequence[tuple[Mesh | None, BodyPart]]
 
 
 def _name(stage: Stage) -> tuple[int, float]:

@@ -14,7 +14,7 @@ def test_another_film_compiles_none_of_the_large_programs(tmp_path):
     """A person of another height, who moves otherwise, seen from elsewhere."""
     compiled: list[str] = []
 
-    def listen(event: str, duration: float, **about: str | int) -> None:
+    def listen(event: str, duration_secs: float, **about: str | int) -> None:
         if event == "/jax/core/compile/backend_compile_duration":
             compiled.append(str(about["fun_name"]).removeprefix("jit(").removesuffix(")"))
 
