@@ -7,6 +7,7 @@ from typing import Annotated
 import tyro
 
 from jaxmocap._results import InputError
+from jaxmocap._types import Quality
 
 CapturePath = Annotated[
     Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAPTURE", help="Capture folder, or its capture.toml.")
@@ -90,6 +91,10 @@ Settings = Annotated[
         help="Change single settings, such as search.gating=off refine.rounds=6: attributes of Tracker, with dots.",
         help_behavior_hint="",
     ),
+]
+Preset = Annotated[
+    Quality,
+    tyro.conf.arg(help="A quick look, the best accuracy per second, or the published method and budget."),
 ]
 Workers = Annotated[
     int | None,

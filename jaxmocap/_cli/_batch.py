@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.table import Table
@@ -12,6 +12,7 @@ from ._arguments import (
     FrameSpan,
     Height,
     Json,
+    Preset,
     Scheduler,
     Seed,
     Settings,
@@ -43,10 +44,7 @@ def batch(
     ],
     frames: FrameSpan = None,
     seed: Seed = 0,
-    quality: Annotated[
-        Literal["draft", "normal", "paper"],
-        tyro.conf.arg(help="A quick look, the best accuracy per second, or the published method and budget."),
-    ] = "normal",
+    quality: Preset = "normal",
     settings: Settings = (),
     actor: ActorFile = None,
     height: Height = None,

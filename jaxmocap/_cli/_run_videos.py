@@ -1,14 +1,14 @@
 """`jaxmocap run`: videos in, a motion out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import Json, Seed, Weights, open_span
+from ._arguments import Json, Preset, Seed, Weights, open_span
 from ._calibrate import focal_lengths
 from ._output import progress, say, show
 from ._track import report_trust, summary
@@ -52,10 +52,7 @@ def run_videos(
             help_behavior_hint="(default: all)",
         ),
     ] = None,
-    quality: Annotated[
-        Literal["draft", "normal", "paper"],
-        tyro.conf.arg(help="A quick look, the best accuracy per second, or the published method and budget."),
-    ] = "normal",
+    quality: Preset = "normal",
     actor: Annotated[
         Path | None,
         tyro.conf.arg(

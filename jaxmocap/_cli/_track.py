@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -16,6 +16,7 @@ from ._arguments import (
     Height,
     Json,
     PoseFile,
+    Preset,
     Seed,
     Settings,
     frame_span,
@@ -34,10 +35,7 @@ def track(
     out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="New folder for the result.")],
     frames: FrameSpan = None,
     seed: Seed = 0,
-    quality: Annotated[
-        Literal["draft", "normal", "paper"],
-        tyro.conf.arg(help="A quick look, the best accuracy per second, or the published method and budget."),
-    ] = "normal",
+    quality: Preset = "normal",
     polish: Annotated[
         bool, tyro.conf.arg(help_behavior_hint="", help="After each search, follow its energy downhill. Slow.")
     ] = False,

@@ -3,6 +3,8 @@
 import os
 import platform
 import shutil
+import tempfile
+import time
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -12,9 +14,10 @@ import jax
 from av.codec import Codec
 
 from jaxmocap._runtime import cores, versions
+from jaxmocap.synthetic import make_capture, write_capture
 
 from ._self_test import SelfTest, self_test
-from ._warm_up import warm_up
+from ._track_capture import track_capture
 
 PACKAGES = (
     *("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy", "opencv-python-headless", "av"),
@@ -32,6 +35,10 @@ EXTRAS = {
     "bodies": ("anny", "body --model anny"),
 }
 """Optional parts: the package each needs, and what it is for."""
+
+
+_FRAMES, _SIZE = 6, (960, 540)
+"""Of the film that is tracked ahead: until a frame brings no new program; what pictures are made to by default."""
 
 
 _DECODERS = {"h264": "H.264", "hevc": "H.265 (HEVC)", "vp9": "VP9", "av1": "AV1", "libdav1d": "AV1", "mpeg4": "MPEG-4"}
@@ -103,6 +110,20 @@ def doctor(*, test: bool = True, warm: bool = False) -> Diagnosis:
         problems=problems,
         warmed=warm_up() if warm else None,
     )
+
+
+def warm_up(num_cameras: int = 2) -> float:
+    """Compile what tracking `num_cameras` films runs, and keep it; return the seconds that took.
+
+    A synthetic capture is tracked with keypoints, as `run` does. Another capture then finds nearly all its programs, as
+    long as it is as large, the person fills no more than its shorter side, and the mesh has about as many faces as the
+    built-in body.
+    """
+    begin = time.perf_counter()
+    with tempfile.TemporaryDirectory() as name:
+        film = write_capture(make_capture(_FRAMES, _SIZE, num_cameras), Path(name) / "film")
+        track_capture(film, Path(name) / "result", detections=film / "keypoints", overlays=False, cache=False)
+    return time.perf_counter() - begin
 
 
 def cache_state() -> dict[str, Any]:

@@ -54,13 +54,13 @@ def page_html(motion: Motion, report: dict, pictures: ReportPictures, missing: s
     """Fill the page in. Whatever comes from files goes in escaped, or as JSON that the script shows as text."""
     record = report_record(motion, report)
     record |= {"views": list(pictures.names), "positions": pictures.positions, "pictures": pictures.pictures}
-    script = "\n".join(asset(name) for name in _SCRIPTS)
+    script = "\n".join(_asset(name) for name in _SCRIPTS)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     title = str(motion.provenance.get("capture_name") or motion.character.name)
-    return Template(asset("page.html")).substitute(
+    return Template(_asset("page.html")).substitute(
         title=html.escape(title),
         digest=digest,
-        style=asset("style.css"),
+        style=_asset("style.css"),
         script=script,
         headline=html.escape(headline(motion)),
         findings="\n".join(_item(**finding) for finding in findings(motion)),
@@ -91,6 +91,10 @@ def _item(kind: str, text: str, frames: list[int]) -> str:
     return f'<li class="{kind.replace(" ", "-")}"><span>{html.escape(text)}</span>{buttons}</li>'
 
 
-def asset(name: str) -> str:
-    """Read a file that pages are made of."""
+def _asset(name: str) -> str:
     return (files("jaxmocap.viewers") / "assets" / name).read_text(encoding="utf-8")
+
+
+def plain_page(title: str, body: str) -> str:
+    """Write one HTML page without scripts that looks like the report page; `body` is HTML, `title` text."""
+    return Template(_asset("plain.html")).substitute(title=html.escape(title), style=_asset("style.css"), body=body)
