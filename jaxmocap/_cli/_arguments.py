@@ -2,12 +2,11 @@
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
 from jaxmocap._results import InputError
-from jaxmocap._types import Quality
 
 CapturePath = Annotated[
     Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAPTURE", help="Capture folder, or its capture.toml.")
@@ -93,7 +92,7 @@ Settings = Annotated[
     ),
 ]
 Preset = Annotated[
-    Quality,
+    Literal["draft", "normal", "paper"],  # as `Quality`, whose module brings JAX in
     tyro.conf.arg(help="A quick look, the best accuracy per second, or the published method and budget."),
 ]
 Workers = Annotated[
