@@ -1,5 +1,6 @@
 """Model-view consistency, Eq. 6: does a pixel look like the face that covers it, or like the background?"""
 
+from collections.abc import Sequence
 from typing import ClassVar, Literal, NamedTuple
 
 import equinox as eqx
@@ -9,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmocap._types import Knob, knob
 from jaxmocap.observation import Clusters, FrameProblem
-from jaxmocap.render import WINDOW, KeyLayout, SoftFaces, covered_tiles, crop, look_up, sum_over_tiles, tiles_at
+from jaxmocap.render import WINDOW, KeyLayout, SoftFaces, block_sums, crop, look_up, sum_over_blocks
 
 from ._body import GroupProblem, region_mask
 from ._term import AbstractTerm, Drawn, SoftDrawn
@@ -29,9 +30,12 @@ def uncovered_cost(background: Array, epsilon: float | Array = 1e-3) -> Array:
 
 
 class _Prepared(NamedTuple):
+    """Pictures of the region: the pixels' `labels` and their distance to the `background`. Sums of costs while the part
+    is not drawn: those `known` of the region's blocks, and that of the pixels `elsewhere`."""
+
     labels: Int[Array, "camera height width"]
     background: Float[Array, "camera height width"]
-    uncovered: Float[Array, "camera height width"]
+    known: Float[Array, "camera block_down block_across"]
     elsewhere: Float[Array, "camera"]
 
 
@@ -56,70 +60,53 @@ class ModelView(AbstractTerm):
     def _uncovered(self, background: Array) -> Array:
         return self.uncovered_scale * uncovered_cost(background, self.epsilon)
 
-    def _foreground(self, problem: FrameProblem, ids: Array, labels: Array) -> Array:
-        """psi_f of every pixel (camera, height, width), for ids that are not negative."""
-        table = problem.surface.colour_distance
-        cameras, faces, colours = table.shape
-        rows = faces * jnp.arange(cameras, dtype=jnp.int32)[:, None, None] + ids
-        return look_up(table.reshape(-1), rows * colours + labels).astype(jnp.float32)
+    def _covered(self, problem: FrameProblem, camera: Array, ids: Array, labels: Array, image: Array, behind: Array):
+        """Compute the cost of pixels that these faces cover; `camera` says of which view."""
+        if self.shading == "exact":
+            foreground = _clusters(problem).distance(camera, ids, image)
+        else:
+            table = problem.surface.colour_distance
+            index = (camera * table.shape[1] + ids) * table.shape[2] + labels
+            foreground = look_up(table.reshape(-1), index).astype(jnp.float32)
+        return covered_cost(foreground, behind, self.epsilon)
 
     def pixel_costs(self, keys: Int[Array, "camera height width"], problem: FrameProblem, layout: KeyLayout) -> Array:
         """Compute the cost of every pixel of the rectangle (camera, height, width), before the average."""
-        ids = layout.face(keys)
-        if self.shading == "exact":
-            cameras = jnp.arange(problem.num_cameras)[:, None, None]
-            foreground = _clusters(problem).distance(cameras, jnp.maximum(ids, 0), problem.image)
-        else:
-            foreground = self._foreground(problem, jnp.maximum(ids, 0), problem.labels)
-        covered = covered_cost(foreground, problem.background, self.epsilon)
+        ids, cameras = layout.face(keys), jnp.arange(problem.num_cameras, dtype=jnp.int32)[:, None, None]
+        pictures = problem.labels, problem.image, problem.background
+        covered = self._covered(problem, cameras, jnp.maximum(ids, 0), *pictures)
         return jnp.where(ids >= 0, covered, self._uncovered(problem.background))
 
     def prepare(self, base: Array, group: GroupProblem) -> _Prepared:
-        """Cut out the region's pictures, and sum the cost of the pixels around it."""
+        """Cut out the region's pictures, and sum the costs of its tiles and of the pixels around it."""
         frame, region = group.frame, group.region
-        costs = self.pixel_costs(crop(base), frame, group.layout)
-        views = range(frame.num_cameras)
+        costs, views = self.pixel_costs(crop(base), frame, group.layout), range(frame.num_cameras)
         elsewhere = [jnp.where(region_mask(region, c, *frame.size), 0.0, costs[c]).sum() for c in views]
-        background = jnp.stack([region.cut(frame.background[c], c) for c in views])
-        return _Prepared(
-            jnp.stack([region.cut(frame.labels[c], c) for c in views]),
-            background,
-            self._uncovered(background),
-            jnp.stack(elsewhere),
+        labels, background, inside = (
+            jnp.stack([region.cut(values[c], c) for c in views]) for values in (frame.labels, frame.background, costs)
         )
+        return _Prepared(labels, background, jnp.stack([block_sums(own) for own in inside]), jnp.stack(elsewhere))
 
     def score(self, prepared: _Prepared, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
-        """Sum over views of the mean pixel cost."""
-        frame, layout, buffers = group.frame, group.layout, drawn.buffers
-        if self.shading == "exact":
-            cost = jax.lax.map(
-                lambda camera: self._exact(camera, prepared, buffers[camera], group), jnp.arange(frame.num_cameras)
-            )
-        else:
-            keys = crop(buffers)
-            covered = keys > layout.empty
-            foreground = self._foreground(frame, jnp.where(covered, keys & layout.id_mask, 0), prepared.labels)
-            cost = jnp.where(covered, covered_cost(foreground, prepared.background, self.epsilon), prepared.uncovered)
+        """Sum over views of the mean pixel cost; only blocks that the particle changes are scored anew."""
+        frame, layout = group.frame, group.layout
+
+        def view(camera: Array) -> Array:
+            def cost(row: Array, column: Array, block: tuple[int, int]) -> Array:
+                def cut(values: Array, corner: Sequence[Array | int] = (0, 0)) -> Array:
+                    start = (camera, corner[0] + row, corner[1] + column, 0)[: values.ndim]
+                    return jax.lax.dynamic_slice(values, start, (1, *block, *values.shape[3:]))[0]
+
+                keys, behind = cut(drawn.buffers, (WINDOW, WINDOW)), cut(prepared.background)
+                covered = keys > layout.empty
+                face, image = jnp.where(covered, keys & layout.id_mask, 0), cut(frame.image, group.region.corners[camera])
+                seen = self._covered(frame, camera, face, cut(prepared.labels), image, behind)
+                return jnp.where(covered, seen, self._uncovered(behind))
+
+            return sum_over_blocks(drawn.dirty[camera], group.region.size, prepared.known[camera], cost)
+
+        cost = jax.lax.map(view, jnp.arange(frame.num_cameras))
         return (cost.sum() + prepared.elsewhere.sum() + self.outside * drawn.outside.sum()) / frame.area
-
-    def _exact(self, camera: Array, prepared: _Prepared, buffer: Array, group: GroupProblem) -> Float[Array, ""]:
-        """Sum the pixel costs of one view's region, covered tiles by the Gaussians themselves."""
-        frame, region, layout = group.frame, group.region, group.layout
-        clusters, width = _clusters(frame), region.size[1]
-        background = prepared.background[camera].reshape(-1)
-
-        def cost(rows: Array, columns: Array) -> Array:
-            keys = look_up(buffer.reshape(-1), (rows + WINDOW) * buffer.shape[1] + columns + WINDOW)
-            covered = (keys > layout.empty) & (rows < region.size[0]) & (columns < width)
-            row, column = jnp.where(covered, rows, 0), jnp.where(covered, columns, 0)
-            top, left = region.corners[camera]
-            colour = frame.image[camera, top + row, left + column]
-            foreground = clusters.distance(camera, jnp.where(covered, keys & layout.id_mask, 0), colour)
-            behind = look_up(background, row * width + column)
-            return jnp.where(covered, covered_cost(foreground, behind, self.epsilon), -1.0)
-
-        total, _ = sum_over_tiles(tiles_at(covered_tiles(buffer, layout)), cost)
-        return total + jnp.where(crop(buffer) > layout.empty, 0.0, prepared.uncovered[camera]).sum()
 
     def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
         """Let each face pay its share of a pixel's covered cost; what is left pays the uncovered cost."""

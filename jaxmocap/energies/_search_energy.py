@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap.character import Character, Pose, retract, skin
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import WINDOW, Driver, SoftFaces, SoftSettings, best_driver, draw, soft_faces, to_screen
+from jaxmocap.render import WINDOW, Driver, SoftFaces, SoftSettings, best_driver, dirty_tiles, draw, put_back, soft_faces, to_screen, touched_rows
 
 from ._body import GroupProblem, base_buffers, part_windows, pixels_outside
 from ._model_view import ModelView
@@ -133,35 +133,48 @@ class _Rows(NamedTuple):
 def _score(
     energy: SearchEnergy, group: GroupProblem, base: Base, rows: _Rows, capacity: int, driver: Driver
 ) -> tuple[Array, Array]:
-    """Terms (particle, term) and the windows needed (particle,); 0 for particles that are not live."""
-    layout, region, (height, width) = group.layout, group.region, base.buffers.shape[1:]
-    skeleton = group.character.skeleton
+    """Terms (particle, term) and the windows needed (particle,); 0 for particles that are not live.
 
-    def one(particle: tuple[Pose, Array]) -> tuple[Array, Array]:
+    In a loop a particle is drawn into the buffers of the one before, after the rows that one touched are put back.
+    """
+    region, (num_cameras, height, width) = group.region, base.buffers.shape
+    skeleton, below = group.character.skeleton, base.buffers.reshape(-1, width, 1)
+
+    def one(before: _Canvas, particle: tuple[Pose, Array]) -> tuple[_Canvas, tuple[Array, Array]]:
         pose, posed = particle
 
-        def view(below: Array, camera: Array) -> tuple[Array, tuple[Array, Array]]:
+        def view(keys: Array, seen: tuple[Array, Array]) -> tuple[Array, tuple[Array, ...]]:
+            camera, band = seen
+            keys = put_back(keys, below, band, camera * height)
             listed, places = part_windows(group, posed, camera, capacity, driver)
-            outside = pixels_outside(places, region.corners[camera], region.size)
-            return draw(below, listed, layout, camera * height, driver), (outside, listed.needed)
+            keys = draw(keys, listed, group.layout, camera * height, driver)
+            band = touched_rows(places, region.corners[camera], height)
+            dirty = dirty_tiles(keys, below, region.size, band, camera * height)
+            return keys, (band, dirty, pixels_outside(places, region.corners[camera], region.size), listed.needed)
 
-        cameras = jnp.arange(group.frame.num_cameras)
-        buffers, (outside, needed) = lax.scan(view, base.buffers.reshape(-1, width, 1), cameras)
-        drawn = Drawn(pose, buffers.reshape(base.buffers.shape), outside)
+        keys, (bands, dirty, outside, needed) = lax.scan(view, before.keys, (jnp.arange(num_cameras), before.bands))
+        drawn = Drawn(pose, keys.reshape(base.buffers.shape), dirty, outside)
         pairs = zip(energy.terms, base.prepared, strict=True)
-        return jnp.stack([term.score(ready, drawn, group) for term, ready in pairs]), needed.max()
+        return _Canvas(keys, bands), (jnp.stack([term.score(own, drawn, group) for term, own in pairs]), needed.max())
+
+    def one_if(before: _Canvas, row: tuple[Array, tuple[Pose, Array]]) -> tuple[_Canvas, tuple[Array, Array]]:
+        nothing = (jnp.zeros(len(energy.terms), rows.increments.dtype), jnp.zeros((), jnp.int32))
+        return lax.cond(row[0], one, lambda before, _: (before, nothing), before, row[1])
 
     moved = jax.vmap(lambda delta: retract(skeleton, group.pose, delta))(rows.increments)
     particles = (moved, jax.vmap(lambda pose: group.part.posed(group.character, pose))(moved))
-    if rows.live is None:
-        return lax.map(one, particles) if driver == "loop" else jax.vmap(one)(particles)
+    clean = _Canvas(below, jnp.zeros((num_cameras, 2), jnp.int32))
+    each, values = (one, particles) if rows.live is None else (one_if, (rows.live, particles))
+    if driver == "loop":
+        return lax.scan(each, clean, values)[1]
+    return jax.vmap(lambda value: each(clean, value)[1])(values)
 
-    def one_if(row: tuple[Array, tuple[Pose, Array]]) -> tuple[Array, Array]:
-        live, particle = row
-        nothing = (jnp.zeros(len(energy.terms), rows.increments.dtype), jnp.zeros((), jnp.int32))
-        return lax.cond(live, one, lambda _: nothing, particle)
 
-    return lax.map(one_if, (rows.live, particles)) if driver == "loop" else jax.vmap(one_if)((rows.live, particles))
+class _Canvas(NamedTuple):
+    """The key buffers of all views below each other, and the bands of rows that differ from the base."""
+
+    keys: Int[Array, "row padded_region_width 1"]
+    bands: Int[Array, "camera 2"]
 
 
 def _share_out(score: Callable[[Any, Any], tuple[Array, Array]], arrays: Any, rows: Any) -> tuple[Array, Array]:

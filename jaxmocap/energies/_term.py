@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Self
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap.character import Character, Pose, Skeleton
 from jaxmocap.observation import FrameProblem
@@ -15,11 +15,12 @@ from ._body import GroupProblem
 
 
 class Drawn(NamedTuple):
-    """One particle: its pose, the region's key buffers with the part drawn in, and the mesh pixels per view that lie
-    outside the region."""
+    """One particle: its pose, the region's key buffers with the part drawn in, the tiles in which that changed a key,
+    and the mesh pixels per view that lie outside the region."""
 
     pose: Pose
     buffers: Int[Array, "camera padded_height padded_width"]
+    dirty: Bool[Array, "camera down across"]
     outside: Float[Array, "camera"]
 
 

@@ -16,7 +16,6 @@ from jaxmocap.render import (
     WINDOW,
     SoftFaces,
     crop,
-    dirty_tiles,
     expand,
     look_up,
     sum_in_chunks,
@@ -121,7 +120,6 @@ class _Prepared(NamedTuple):
     base: Int[Array, "camera pixel"]
     own: Int[Array, "camera padded_height padded_width"]
     far: _Far | None
-    below: Int[Array, "camera padded_height padded_width"]
     known: _Known | None
 
 
@@ -242,21 +240,23 @@ class ViewView(AbstractTerm):
             far = lax.map(lambda way: self._far(way[0], way[1], base, packed, group), (pairs, between))
         below = jnp.stack([region.cut(base[c], c, border=WINDOW) for c in cameras])
         whole = crop(base).reshape(frame.num_cameras, -1)
-        bare = _Prepared(pairs, between, packed, whole, own, far, below, None)
-        known = lax.map(lambda way: self._known(way[0], way[1], bare, group), (pairs, between))
+        bare = _Prepared(pairs, between, packed, whole, own, far, None)
+        known = lax.map(lambda way: self._known(way[0], way[1], bare, below, group), (pairs, between))
         return bare._replace(known=known)
 
-    def _known(self, pair: Array, between: PixelTransfer, bare: _Prepared, group: GroupProblem) -> _Known:
+    def _known(
+        self, pair: Array, between: PixelTransfer, bare: _Prepared, below: Array, group: GroupProblem
+    ) -> _Known:
         """For one pair."""
-        (m, n), (_, padded_height, padded_width) = pair, bare.below.shape
+        (m, n), (_, padded_height, padded_width) = pair, below.shape
         down, across = (-(-extent // WINDOW) for extent in group.region.size)
         side = WINDOW // self.step
         lanes = [
             (WINDOW * jnp.arange(tiles)[:, None] + self.step * jnp.arange(side)).reshape(-1) for tiles in (down, across)
         ]
         rows, columns = (grid.reshape(-1) for grid in jnp.meshgrid(*lanes, indexing="ij"))
-        places = self._places(between, bare.below, group, m, n, rows, columns)
-        cost = self._tile_cost(bare, bare.below, group, *lax.optimization_barrier(places))
+        places = self._places(between, below, group, m, n, rows, columns)
+        cost = self._tile_cost(bare, below, group, *lax.optimization_barrier(places))
         met = (places.face >= 0) & places.inside & (places.drawn >= 0)
         drawn = jnp.maximum(places.drawn - n * (padded_height * padded_width), 0)
         partner = jnp.stack([drawn // padded_width, drawn % padded_width]) - WINDOW
@@ -290,8 +290,7 @@ class ViewView(AbstractTerm):
 
         Only pixels whose key, or whose partner's key, is in a tile that the particle changes are scored anew.
         """
-        buffers = drawn.buffers
-        dirty = dirty_tiles(buffers, prepared.below)
+        buffers, dirty = drawn.buffers, drawn.dirty
         changes = _counted_up(dirty)
 
         def mean(pair: tuple[Array, PixelTransfer, _Far | None, _Known]) -> Array:

@@ -8,11 +8,14 @@ from ._keys import WINDOW as WINDOW, KeyLayout as KeyLayout, crop as crop, empty
 from ._soft_faces import SoftFaces as SoftFaces, SoftSettings as SoftSettings, soft_faces as soft_faces
 from ._tiles import (
     Tiles as Tiles,
-    covered_tiles as covered_tiles,
+    block_sums as block_sums,
     dirty_tiles as dirty_tiles,
+    put_back as put_back,
     sum_in_chunks as sum_in_chunks,
+    sum_over_blocks as sum_over_blocks,
     sum_over_tiles as sum_over_tiles,
     tiles_at as tiles_at,
+    touched_rows as touched_rows,
 )
 from ._windows import (
     BEHIND as BEHIND,
