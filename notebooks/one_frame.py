@@ -31,7 +31,7 @@ class OneFrame:
         """Scores of particles (particle, dof): increments of one group, such as "l_arm", from the true pose."""
         dofs = self.character.skeleton.group(group)
         part = body_part(self.character, dofs)
-        particles_of = GroupProblem.whole(self.character, part, self.pose, self.problem)
+        particles_of = GroupProblem(self.character, part, self.pose, self.problem)
         base = prepare_base(energy, particles_of, WINDOWS)
 
         def score(particles: jax.Array) -> Scores:

@@ -93,7 +93,7 @@ def test_the_energy_of_contributing_is_lowest_where_the_person_is(shown):
     surface = surface_of(character, None, 2)
     problem = build_problem(list(shown.images[0]), rectangle, cameras, 0, vertices, surface, labels, unlike)
     part = body_part(character, tuple(range(6)))
-    group = GroupProblem.whole(character, part, pose, problem)
+    group = GroupProblem(character, part, pose, problem)
     base = prepare_base(energy, group, 16)
     moved = jnp.zeros((2, 39)).at[1, 0].set(0.15)
     scores = eqx.filter_jit(score_particles)(energy, group, base, moved, 4096)

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.timeout(1800)
 WARM = 3
 """Frames until what every frame needs is compiled: the flow start needs one frame before it, the motion prior two."""
 
-FIRST_SEARCH = {"jit(_search)", "jit(particle_boxes)"}
+FIRST_SEARCH = {"jit(_search)"}
 """Programs that a limb's first search compiles, whenever that is."""
 
 MOST = {

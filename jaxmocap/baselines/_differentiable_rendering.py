@@ -30,15 +30,11 @@ class RenderedColours(AbstractTerm):
 
     name: ClassVar[str] = "rendered_colours"
 
-    def prepare(self, base: Array, group: GroupProblem) -> Float[Array, "camera height width 3"]:
-        """Cut out the region's pictures."""
-        return jnp.stack([group.region.cut(group.frame.image[c], c) for c in range(group.frame.num_cameras)])
-
-    def score(self, prepared: Array, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
+    def score(self, prepared: tuple[()], drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
         """Compare every covered pixel with the mean colour of its face."""
         surface, face = group.frame.surface, group.layout.face(crop(drawn.buffers))
         rows = jnp.arange(len(face))[:, None, None]
-        gap = surface.mean_colour[rows, face] - prepared
+        gap = surface.mean_colour[rows, face] - group.frame.image
         share = (face >= 0) & surface.has_colour[rows, face]
         return _mean(jnp.sum(gap**2, -1), share, (1, 2)).mean()
 

@@ -1,7 +1,6 @@
 from ._body import (
     BodyPart as BodyPart,
     GroupProblem as GroupProblem,
-    Region as Region,
     base_buffers as base_buffers,
     body_part as body_part,
     part_windows as part_windows,

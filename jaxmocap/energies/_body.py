@@ -88,48 +88,17 @@ def body_part(
     )
 
 
-class Region(eqx.Module):
-    """The pixels that are scored anew for every particle: corner (row, column) inside the rectangle per view, one
-    size."""
-
-    corners: Int[Array, "camera 2"]
-    size: tuple[int, int] = eqx.field(static=True)
-
-    def cut(self, values: Array, camera: int, step: int = 1, border: int = 0) -> Array:
-        """Cut the region out of one view's (height, width, ...) array: every `step`-th pixel, `border` more around."""
-        corner = (self.corners[camera, 0], self.corners[camera, 1])
-        size = (self.size[0] + 2 * border, self.size[1] + 2 * border)
-        window = lax.dynamic_slice(values, corner + (0,) * (values.ndim - 2), size + values.shape[2:])
-        return window[::step, ::step]
-
-
-def region_mask(region: Region, camera: int, height: int, width: int) -> Bool[Array, "height width"]:
-    """Mark the pixels inside the region of one view."""
-    row, column = jnp.arange(height)[:, None], jnp.arange(width)[None, :]
-    top, left = region.corners[camera, 0], region.corners[camera, 1]
-    return (row >= top) & (row < top + region.size[0]) & (column >= left) & (column < left + region.size[1])
-
-
 class GroupProblem(eqx.Module):
-    """What all particles of one group share: they move `part` of the character from `pose`, and are scored in a frame,
-    anew for each in `region` only."""
+    """What all particles of one group share: they move `part` of the character from `pose`, seen in a `frame`."""
 
     character: Character
     part: BodyPart
     pose: Pose
     frame: FrameProblem
-    region: Region
 
     @property
     def layout(self) -> KeyLayout:
         return self.part.layout
-
-    @staticmethod
-    def whole(character: Character, part: BodyPart, pose: Pose, frame: FrameProblem) -> "GroupProblem":
-        """Make the problem whose region is all of the rectangle."""
-        return GroupProblem(
-            character, part, pose, frame, Region(jnp.zeros((frame.num_cameras, 2), jnp.int32), frame.size)
-        )
 
 
 def base_buffers(
@@ -157,17 +126,17 @@ def part_windows(
     capacity: int,
     driver: Driver | None = None,
 ) -> tuple[WindowList, Places]:
-    """List the windows of the part in one view's region, and place the corners of its faces on the screen."""
-    part, frame, region = group.part, group.frame, group.region
+    """List the windows of the part in one view, and place the corners of its faces on the screen."""
+    part, frame = group.part, group.frame
     screen = to_screen(vertices, frame.projection[camera], frame.origins[camera])
-    drawn, depths, corner = Faces(part.faces, part.face_numbers), frame.depth_range[camera], region.corners[camera]
-    return window_list(screen, drawn, region.size, depths, part.layout, capacity, corner, driver)
+    drawn = Faces(part.faces, part.face_numbers)
+    return window_list(screen, drawn, frame.size, frame.depth_range[camera], part.layout, capacity, driver=driver)
 
 
-def pixels_outside(places: Places, corner: Int[Array, "2"], size: tuple[int, int]) -> Float[Array, ""]:
-    """Sum the area, in pixels, of the front faces whose centre lies outside a region. `places` are their corners."""
+def pixels_outside(places: Places, size: tuple[int, int]) -> Float[Array, ""]:
+    """Sum the area, in pixels, of the front faces whose centre lies outside a rectangle. `places` are their corners."""
     (ax, bx, cx), (ay, by, cy) = places
-    x, y, area = (ax + bx + cx) / 3 - corner[1], (ay + by + cy) / 3 - corner[0], 0.5 * doubled_area(places)
+    x, y, area = (ax + bx + cx) / 3, (ay + by + cy) / 3, 0.5 * doubled_area(places)
     outside = (x < -0.5) | (y < -0.5) | (x > size[1] - 0.5) | (y > size[0] - 0.5)
     seen = jnp.maximum(jnp.maximum(ax, bx), cx) < BEHIND
     return jnp.where(outside & (area < 0) & seen, jnp.minimum(-area, 1e4), 0.0).sum()

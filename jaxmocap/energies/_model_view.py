@@ -1,7 +1,6 @@
 """Model-view consistency, Eq. 6: does a pixel look like the face that covers it, or like the background?"""
 
-from collections.abc import Sequence
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import equinox as eqx
 import jax
@@ -12,7 +11,7 @@ from jaxmocap._types import Knob, knob
 from jaxmocap.observation import Clusters, FrameProblem
 from jaxmocap.render import WINDOW, KeyLayout, SoftFaces, block_sums, crop, look_up, sum_over_blocks
 
-from ._body import GroupProblem, region_mask
+from ._body import GroupProblem
 from ._term import AbstractTerm, Drawn, SoftDrawn
 
 TAU = 1.0
@@ -27,16 +26,6 @@ def covered_cost(foreground: Array, background: Array, epsilon: float | Array = 
 def uncovered_cost(background: Array, epsilon: float | Array = 1e-3) -> Array:
     """Compute psi_b / (psi_b + tau): in [0, 0.5] as printed."""
     return (background + epsilon) / (background + TAU + 2 * epsilon)
-
-
-class _Prepared(NamedTuple):
-    """Pictures of the region: the pixels' `labels` and their distance to the `background`. Sums of costs while the part
-    is not drawn: those `known` of the region's blocks, and that of the pixels `elsewhere`."""
-
-    labels: Int[Array, "camera height width"]
-    background: Float[Array, "camera height width"]
-    known: Float[Array, "camera block_down block_across"]
-    elsewhere: Float[Array, "camera"]
 
 
 class ModelView(AbstractTerm):
@@ -77,36 +66,30 @@ class ModelView(AbstractTerm):
         covered = self._covered(problem, cameras, jnp.maximum(ids, 0), *pictures)
         return jnp.where(ids >= 0, covered, self._uncovered(problem.background))
 
-    def prepare(self, base: Array, group: GroupProblem) -> _Prepared:
-        """Cut out the region's pictures, and sum the costs of its tiles and of the pixels around it."""
-        frame, region = group.frame, group.region
-        costs, views = self.pixel_costs(crop(base), frame, group.layout), range(frame.num_cameras)
-        elsewhere = [jnp.where(region_mask(region, c, *frame.size), 0.0, costs[c]).sum() for c in views]
-        labels, background, inside = (
-            jnp.stack([region.cut(values[c], c) for c in views]) for values in (frame.labels, frame.background, costs)
-        )
-        return _Prepared(labels, background, jnp.stack([block_sums(own) for own in inside]), jnp.stack(elsewhere))
+    def prepare(self, base: Array, group: GroupProblem) -> Float[Array, "camera block_down block_across"]:
+        """Sum the costs of all blocks while the part is not drawn."""
+        return block_sums(self.pixel_costs(crop(base), group.frame, group.layout))
 
-    def score(self, prepared: _Prepared, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
+    def score(self, prepared: Array, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
         """Sum over views of the mean pixel cost; only blocks that the particle changes are scored anew."""
         frame, layout = group.frame, group.layout
 
         def view(camera: Array) -> Array:
             def cost(row: Array, column: Array, block: tuple[int, int]) -> Array:
-                def cut(values: Array, corner: Sequence[Array | int] = (0, 0)) -> Array:
-                    start = (camera, corner[0] + row, corner[1] + column, 0)[: values.ndim]
+                def cut(values: Array, border: int = 0) -> Array:
+                    start = (camera, border + row, border + column, 0)[: values.ndim]
                     return jax.lax.dynamic_slice(values, start, (1, *block, *values.shape[3:]))[0]
 
-                keys, behind = cut(drawn.buffers, (WINDOW, WINDOW)), cut(prepared.background)
+                keys, behind = cut(drawn.buffers, WINDOW), cut(frame.background)
                 covered = keys > layout.empty
-                face, image = jnp.where(covered, keys & layout.id_mask, 0), cut(frame.image, group.region.corners[camera])
-                seen = self._covered(frame, camera, face, cut(prepared.labels), image, behind)
+                face = jnp.where(covered, keys & layout.id_mask, 0)
+                seen = self._covered(frame, camera, face, cut(frame.labels), cut(frame.image), behind)
                 return jnp.where(covered, seen, self._uncovered(behind))
 
-            return sum_over_blocks(drawn.dirty[camera], group.region.size, prepared.known[camera], cost)
+            return sum_over_blocks(drawn.dirty[camera], frame.size, prepared[camera], cost)
 
         cost = jax.lax.map(view, jnp.arange(frame.num_cameras))
-        return (cost.sum() + prepared.elsewhere.sum() + self.outside * drawn.outside.sum()) / frame.area
+        return (cost.sum() + self.outside * drawn.outside.sum()) / frame.area
 
     def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
         """Let each face pay its share of a pixel's covered cost; what is left pays the uncovered cost."""

@@ -12,7 +12,18 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap.character import Character, Pose, retract, skin
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import WINDOW, Driver, SoftFaces, SoftSettings, best_driver, dirty_tiles, draw, put_back, soft_faces, to_screen, touched_rows
+from jaxmocap.render import (
+    Driver,
+    SoftFaces,
+    SoftSettings,
+    best_driver,
+    dirty_tiles,
+    draw,
+    put_back,
+    soft_faces,
+    to_screen,
+    touched_rows,
+)
 
 from ._body import GroupProblem, base_buffers, part_windows, pixels_outside
 from ._model_view import ModelView
@@ -39,10 +50,6 @@ class SearchEnergy(eqx.Module):
             for term in self.terms
         ]
         return SearchEnergy(tuple(changed))
-
-    def with_capacity(self, capacity: int) -> "SearchEnergy":
-        """Give every term that keeps a list of bounded length so much room."""
-        return SearchEnergy(tuple(term.with_capacity(capacity) for term in self.terms))
 
     @property
     def weights(self) -> Float[Array, "term"]:
@@ -77,24 +84,18 @@ class Scores(NamedTuple):
 
 
 class Base(NamedTuple):
-    """Everything the particles of one group and frame share: the region's part of the base key buffers with its border,
-    and what the terms prepared."""
+    """Everything the particles of one group and frame share: the key buffers of the rest of the body with their border,
+    what the terms prepared, and how many windows were `needed`."""
 
-    buffers: Int[Array, "camera padded_region_height padded_region_width"]
+    buffers: Int[Array, "camera padded_height padded_width"]
     prepared: tuple[Any, ...]
     needed: Int[Array, ""]
-    needed_far: Int[Array, ""]
 
 
 def prepare_base(energy: SearchEnergy, group: GroupProblem, capacity: int) -> Base:
     """Draw the rest of the body and let every term prepare."""
     buffers, needed = base_buffers(group, capacity)
-    prepared = tuple(term.prepare(buffers, group) for term in energy.terms)
-    far = jnp.zeros((), jnp.int32)
-    for term, ready in zip(energy.terms, prepared, strict=True):
-        far = jnp.maximum(far, term.needed(ready))
-    cut = jnp.stack([group.region.cut(buffers[c], c, border=WINDOW) for c in range(group.frame.num_cameras)])
-    return Base(cut, prepared, needed, far)
+    return Base(buffers, tuple(term.prepare(buffers, group) for term in energy.terms), needed)
 
 
 def score_particles(
@@ -108,7 +109,7 @@ def score_particles(
 ) -> Scores:
     """Score every increment of the group's pose by Eq. 5; with `live` only those marked, the others fill up the shape.
 
-    With the "loop" driver particles run one after the other over copies of a small key buffer: on a CPU this is far
+    With the "loop" driver particles are drawn one after the other into the same key buffers: on a CPU this is far
     faster than `vmap`. With several devices the particles are shared out among them, with the same bits. With "scatter"
     all run at once, for an accelerator. The default is the machine's `best_driver`; keys are the same in both.
     """
@@ -137,7 +138,8 @@ def _score(
 
     In a loop a particle is drawn into the buffers of the one before, after the rows that one touched are put back.
     """
-    region, (num_cameras, height, width) = group.region, base.buffers.shape
+    num_cameras, height, width = base.buffers.shape
+    size = group.frame.size
     skeleton, below = group.character.skeleton, base.buffers.reshape(-1, width, 1)
 
     def one(before: _Canvas, particle: tuple[Pose, Array]) -> tuple[_Canvas, tuple[Array, Array]]:
@@ -148,9 +150,9 @@ def _score(
             keys = put_back(keys, below, band, camera * height)
             listed, places = part_windows(group, posed, camera, capacity, driver)
             keys = draw(keys, listed, group.layout, camera * height, driver)
-            band = touched_rows(places, region.corners[camera], height)
-            dirty = dirty_tiles(keys, below, region.size, band, camera * height)
-            return keys, (band, dirty, pixels_outside(places, region.corners[camera], region.size), listed.needed)
+            band = touched_rows(places, height)
+            dirty = dirty_tiles(keys, below, size, band, camera * height)
+            return keys, (band, dirty, pixels_outside(places, size), listed.needed)
 
         keys, (bands, dirty, outside, needed) = lax.scan(view, before.keys, (jnp.arange(num_cameras), before.bands))
         drawn = Drawn(pose, keys.reshape(base.buffers.shape), dirty, outside)
@@ -173,7 +175,7 @@ def _score(
 class _Canvas(NamedTuple):
     """The key buffers of all views below each other, and the bands of rows that differ from the base."""
 
-    keys: Int[Array, "row padded_region_width 1"]
+    keys: Int[Array, "row padded_width 1"]
     bands: Int[Array, "camera 2"]
 
 

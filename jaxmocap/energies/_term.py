@@ -1,10 +1,9 @@
 """What every term of the search energy is."""
 
 import abc
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap.character import Character, Pose, Skeleton
@@ -15,8 +14,8 @@ from ._body import GroupProblem
 
 
 class Drawn(NamedTuple):
-    """One particle: its pose, the region's key buffers with the part drawn in, the tiles in which that changed a key,
-    and the mesh pixels per view that lie outside the region."""
+    """One particle: its pose, the key buffers with the part drawn in, the tiles in which that changed a key, and the
+    mesh pixels per view that lie outside the rectangle."""
 
     pose: Pose
     buffers: Int[Array, "camera padded_height padded_width"]
@@ -38,8 +37,7 @@ class SoftDrawn(NamedTuple):
 class AbstractTerm(eqx.Module):
     """Score what a particle looks like. A new term is a file with `weight`, `name` and `score`.
 
-    Optional are `prepare`, for what no particle changes; `soft`, for gradients; and, for a term that keeps a list of
-    bounded length, `needed` and `with_capacity`: the search makes room until everything fits.
+    Optional are `prepare`, for what no particle changes, and `soft`, for gradients.
     """
 
     name: eqx.AbstractClassVar[str]
@@ -56,14 +54,6 @@ class AbstractTerm(eqx.Module):
     def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
         """Compute the same with soft visibility, differentiable. Raises `ValueError` if the term has no such form."""
         raise ValueError(f"the term '{self.name}' has no soft form; leave it out of the energy")
-
-    def needed(self, prepared: Any) -> Int[Array, ""]:
-        """Say how much room the term would have needed."""
-        return jnp.zeros((), jnp.int32)
-
-    def with_capacity(self, capacity: int) -> Self:
-        """Give the term this much room."""
-        return self
 
 
 class AbstractPoseTerm(AbstractTerm):

@@ -1,6 +1,5 @@
 """View-view consistency, Eq. 7: does the other camera see the same colour at this surface point?"""
 
-from dataclasses import replace
 from functools import partial
 from typing import ClassVar, Literal, NamedTuple
 
@@ -15,15 +14,13 @@ from jaxmocap._types import Knob, knob
 from jaxmocap.render import (
     WINDOW,
     SoftFaces,
-    crop,
     expand,
     look_up,
-    sum_in_chunks,
     sum_over_tiles,
     tiles_at,
 )
 
-from ._body import GroupProblem, Region, region_mask
+from ._body import GroupProblem
 from ._model_view import TAU
 from ._term import AbstractTerm, Drawn, SoftDrawn
 from ._view_pair import PixelTransfer, are_near, ordered_pairs, partner_pixels, pixel_transfer, pixels_around
@@ -42,11 +39,6 @@ def _channels(packed: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def _in_region(row: Array, column: Array, region: Region, camera: int | Array) -> Array:
-    top, left = region.corners[camera, 0], region.corners[camera, 1]
-    return (row >= top) & (row < top + region.size[0]) & (column >= left) & (column < left + region.size[1])
-
-
 def _counted_up(dirty: Bool[Array, "camera down across"]) -> Float[Array, "camera below right"]:
     """How many dirty tiles are above and left of each corner of the tiles: a summed area table."""
     down, across = (jnp.tril(jnp.ones((extent + 1, extent), jnp.float32), -1) for extent in dirty.shape[1:])
@@ -62,29 +54,10 @@ def _any_within(
     return corners[3] - corners[2] - corners[1] + corners[0] > 0
 
 
-def _region_index(row: Array, column: Array, region: Region, camera: int | Array) -> Array:
-    """Flat index into the region's bordered key buffer; clipped to it."""
-    local_row = jnp.clip(row - region.corners[camera, 0], 0, region.size[0] - 1) + WINDOW
-    local_column = jnp.clip(column - region.corners[camera, 1], 0, region.size[1] - 1) + WINDOW
-    return local_row * (region.size[1] + 2 * WINDOW) + local_column
-
-
 def _meets(group: GroupProblem, face: Array, key: Array) -> Array:
     """Whether the face and the one with this key are geodesically near; False where the key is empty."""
     other, drawn = key & group.layout.id_mask, key > group.layout.empty
     return drawn & are_near(group.frame.surface.near_faces, face, jnp.where(drawn, other, 0))
-
-
-class _Far(NamedTuple):
-    """Body pixels of view m outside the region whose partner in view n falls inside n's region: their test depends on
-    the particle, everything else about them does not."""
-
-    target: Int[Array, "pair slot"]
-    face: Int[Array, "pair slot"]
-    cost: Float[Array, "pair slot"]
-    fixed_cost: Float[Array, "pair"]
-    fixed_count: Float[Array, "pair"]
-    needed: Int[Array, "pair"]
 
 
 class _Known(NamedTuple):
@@ -100,14 +73,12 @@ class _Known(NamedTuple):
 
 class _Places(NamedTuple):
     """What a pixel of view m needs of what is stored: its own colour, its `face` (-1: it is not covered), where in the
-    key buffers its partner is `drawn` (-1: outside the region) or `elsewhere` in the base, and the `corner` of the
-    colours about the partner with its fractions."""
+    key buffers its partner is `drawn`, and the `corner` of the colours about the partner with its fractions."""
 
     own: Int[Array, "lane"]
     face: Int[Array, "lane"]
     inside: Bool[Array, "lane"]
     drawn: Int[Array, "lane"]
-    elsewhere: Int[Array, "lane"]
     corner: Int[Array, "lane"]
     across: Float[Array, "lane"]
     along: Float[Array, "lane"]
@@ -117,9 +88,7 @@ class _Prepared(NamedTuple):
     pairs: Int[Array, "pair 2"]
     between: PixelTransfer
     packed: Int[Array, "camera pixel"]
-    base: Int[Array, "camera pixel"]
     own: Int[Array, "camera padded_height padded_width"]
-    far: _Far | None
     known: _Known | None
 
 
@@ -132,8 +101,7 @@ class ViewView(AbstractTerm):
     `step` scores every step-th pixel in both directions (1 is the paper). `sampling` of the other image: "bilinear" or
     "nearest". `fail` is the cost of a pixel whose partner is not geodesically near: "tau" (the paper) or "ignore" (left
     out of the mean). `outside` says the same of partners that leave the other rectangle. `colour_scale` divides the
-    colour distance before the cap (1 is the paper). `capacity` bounds the list of body pixels outside a limb's region
-    that must be scored again.
+    colour distance before the cap (1 is the paper).
     """
 
     weight: Knob = knob(0.3)
@@ -142,7 +110,6 @@ class ViewView(AbstractTerm):
     sampling: Literal["bilinear", "nearest"] = eqx.field(static=True, default="bilinear")
     fail: Literal["tau", "ignore"] = eqx.field(static=True, default="tau")
     outside: Literal["tau", "ignore"] = eqx.field(static=True, default="tau")
-    capacity: int = eqx.field(static=True, default=4096)
 
     name: ClassVar[str] = "view_view"
 
@@ -197,67 +164,26 @@ class ViewView(AbstractTerm):
         failed = jnp.where(inside, self.fail == "tau", self.outside == "tau")
         return jnp.where(covered, jnp.where(near, colour, jnp.where(failed, TAU, -1.0)), -1.0)
 
-    def _far(self, pair: Array, between: PixelTransfer, base: Array, packed: Array, group: GroupProblem) -> _Far:
-        region, (height, width) = group.region, group.frame.size
-        m, n = pair
-        keys = crop(base[m])[:: self.step, :: self.step]
-        ids = group.layout.face(keys)
-        rows, columns = jnp.meshgrid(
-            jnp.arange(0, height, self.step, dtype=jnp.float32),
-            jnp.arange(0, width, self.step, dtype=jnp.float32),
-            indexing="ij",
-        )
-        x, y, inside = self._partner(between, keys, rows, columns, m, n, group)
-        column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
-        here = ~region_mask(region, m, height, width)[:: self.step, :: self.step] & (ids >= 0)
-        there = region_mask(region, n, height, width)[row, column] & inside & here
-        own = packed[m].reshape(height, width)[:: self.step, :: self.step]
-        at = self._corner(n * (height * width), x, y, width, height)
-        colour = self._colour_cost(own, packed.reshape(-1), *at, width)
-        near = inside & _meets(group, jnp.maximum(ids, 0), crop(base[n])[row, column])
-        fixed = self._pixel_cost(colour, near, inside, here & ~there)
-        pick, _, needed = expand(there.reshape(-1).astype(jnp.int32), self.capacity)
-        target = _region_index(row, column, region, n)
-        return _Far(
-            target.reshape(-1)[pick],
-            jnp.maximum(ids, 0).reshape(-1)[pick],
-            colour.reshape(-1)[pick],
-            jnp.maximum(fixed, 0.0).sum(),
-            (fixed >= 0).sum().astype(jnp.float32),
-            needed,
-        )
-
     def prepare(self, base: Array, group: GroupProblem) -> _Prepared:
-        frame, region = group.frame, group.region
-        cameras = range(frame.num_cameras)
-        packed = _pack(frame.image)
-        own = jnp.stack([jnp.pad(region.cut(packed[c], c), WINDOW) for c in cameras])
-        packed = packed.reshape(frame.num_cameras, -1)
+        frame, packed = group.frame, _pack(group.frame.image)
+        own = jnp.pad(packed, ((0, 0), (WINDOW, WINDOW), (WINDOW, WINDOW)))
         pairs = jnp.asarray(ordered_pairs(frame.num_cameras), jnp.int32).reshape(-1, 2)
         between = jax.vmap(lambda pair: pixel_transfer(frame.projection[pair[0]], frame.projection[pair[1]]))(pairs)
-        far = None
-        if region.size != frame.size:
-            far = lax.map(lambda way: self._far(way[0], way[1], base, packed, group), (pairs, between))
-        below = jnp.stack([region.cut(base[c], c, border=WINDOW) for c in cameras])
-        whole = crop(base).reshape(frame.num_cameras, -1)
-        bare = _Prepared(pairs, between, packed, whole, own, far, None)
-        known = lax.map(lambda way: self._known(way[0], way[1], bare, below, group), (pairs, between))
-        return bare._replace(known=known)
+        bare = _Prepared(pairs, between, packed.reshape(frame.num_cameras, -1), own, None)
+        return bare._replace(known=lax.map(lambda way: self._known(*way, bare, base, group), (pairs, between)))
 
-    def _known(
-        self, pair: Array, between: PixelTransfer, bare: _Prepared, below: Array, group: GroupProblem
-    ) -> _Known:
+    def _known(self, pair: Array, between: PixelTransfer, bare: _Prepared, base: Array, group: GroupProblem) -> _Known:
         """For one pair."""
-        (m, n), (_, padded_height, padded_width) = pair, below.shape
-        down, across = (-(-extent // WINDOW) for extent in group.region.size)
+        (m, n), (_, padded_height, padded_width) = pair, base.shape
+        down, across = (-(-extent // WINDOW) for extent in group.frame.size)
         side = WINDOW // self.step
         lanes = [
             (WINDOW * jnp.arange(tiles)[:, None] + self.step * jnp.arange(side)).reshape(-1) for tiles in (down, across)
         ]
         rows, columns = (grid.reshape(-1) for grid in jnp.meshgrid(*lanes, indexing="ij"))
-        places = self._places(between, below, group, m, n, rows, columns)
-        cost = self._tile_cost(bare, below, group, *lax.optimization_barrier(places))
-        met = (places.face >= 0) & places.inside & (places.drawn >= 0)
+        places = self._places(between, base, group, m, n, rows, columns)
+        cost = self._tile_cost(bare, base, group, *lax.optimization_barrier(places))
+        met = (places.face >= 0) & places.inside
         drawn = jnp.maximum(places.drawn - n * (padded_height * padded_width), 0)
         partner = jnp.stack([drawn // padded_width, drawn % padded_width]) - WINDOW
 
@@ -278,13 +204,6 @@ class ViewView(AbstractTerm):
             jnp.where(first < end, end, 0),
         )
 
-    def needed(self, prepared: _Prepared) -> Array:
-        """Return the largest number of far pixels, to be compared with `capacity`."""
-        return jnp.zeros((), jnp.int32) if prepared.far is None else prepared.far.needed.max(initial=0)
-
-    def with_capacity(self, capacity: int) -> "ViewView":
-        return replace(self, capacity=capacity)
-
     def score(self, prepared: _Prepared, drawn: Drawn, group: GroupProblem) -> Float[Array, ""]:
         """Sum over ordered pairs the mean over the covered pixels; tau for a view without any (M2 = 0).
 
@@ -293,21 +212,17 @@ class ViewView(AbstractTerm):
         buffers, dirty = drawn.buffers, drawn.dirty
         changes = _counted_up(dirty)
 
-        def mean(pair: tuple[Array, PixelTransfer, _Far | None, _Known]) -> Array:
-            (m, n), between, far, known = pair
+        def mean(pair: tuple[Array, PixelTransfer, _Known]) -> Array:
+            (m, n), between, known = pair
             place = partial(self._places, between, buffers, group, m, n)
             seen = partial(self._tile_cost, prepared, buffers, group)
             anew = dirty[m] | _any_within(changes[n], known.first, known.end)
             cost, count = sum_over_tiles(tiles_at(anew), seen, self.step, place)
             cost += jnp.where(anew, 0.0, known.cost).sum()
             count += jnp.where(anew, 0.0, known.count).sum()
-            if far is not None:
-                again = partial(self._far_cost, far, buffers, n, group)
-                more_cost, more_count = sum_in_chunks(jnp.minimum(far.needed, self.capacity), self.capacity, again)
-                cost, count = cost + far.fixed_cost + more_cost, count + far.fixed_count + more_count
             return jnp.where(count > 0, cost / jnp.maximum(count, 1.0), TAU)
 
-        return lax.map(mean, (prepared.pairs, prepared.between, prepared.far, prepared.known)).sum()
+        return lax.map(mean, (prepared.pairs, prepared.between, prepared.known)).sum()
 
     def _places(
         self,
@@ -319,39 +234,29 @@ class ViewView(AbstractTerm):
         rows: Array,
         columns: Array,
     ) -> _Places:
-        """Where pixels of view m's region appear in view n."""
-        region, layout, (height, width) = group.region, group.layout, group.frame.size
-        pixels = buffers.shape[1] * buffers.shape[2]
-        own = m * pixels + (rows + WINDOW) * buffers.shape[2] + columns + WINDOW
+        """Where pixels of view m appear in view n."""
+        layout, (height, width), (_, padded_height, padded_width) = group.layout, group.frame.size, buffers.shape
+
+        def in_buffers(view: Array, row: Array, column: Array) -> Array:
+            return view * (padded_height * padded_width) + (row + WINDOW) * padded_width + column + WINDOW
+
+        own = in_buffers(m, rows, columns)
         keys = look_up(buffers.reshape(-1), own)
-        covered = (keys > layout.empty) & (rows < region.size[0]) & (columns < region.size[1])
-        rows, columns = rows + region.corners[m, 0], columns + region.corners[m, 1]
+        covered = (keys > layout.empty) & (rows < height) & (columns < width)
         x, y, inside = self._partner(between, keys, rows, columns, m, n, group)
         column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
-        drawn = n * pixels + _region_index(row, column, region, n)
-        elsewhere = (n * height + row) * width + column
-        if region.size != group.frame.size:
-            drawn = jnp.where(_in_region(row, column, region, n), drawn, -1)
+        drawn = in_buffers(n, row, column)
         corner, across, along = self._corner(n * (height * width), x, y, width, height)
         face = jnp.where(covered, keys & layout.id_mask, -1)
-        return _Places(own, face, inside, drawn, elsewhere, corner, across, along)
+        return _Places(own, face, inside, drawn, corner, across, along)
 
     def _tile_cost(self, prepared: _Prepared, buffers: Array, group: GroupProblem, *places: Array) -> Array:
         """Cost of pixels at their places; negative where a pixel does not count."""
         at = _Places(*places)
-        keys = look_up(buffers.reshape(-1), jnp.maximum(at.drawn, 0))
-        if prepared.far is not None:
-            keys = jnp.where(at.drawn >= 0, keys, look_up(prepared.base.reshape(-1), at.elsewhere))
-        near = at.inside & _meets(group, jnp.maximum(at.face, 0), keys)
+        near = at.inside & _meets(group, jnp.maximum(at.face, 0), look_up(buffers.reshape(-1), at.drawn))
         own, (_, width) = look_up(prepared.own.reshape(-1), at.own), group.frame.size
         colour = self._colour_cost(own, prepared.packed.reshape(-1), at.corner, at.across, at.along, width)
         return self._pixel_cost(colour, near, at.inside, at.face >= 0)
-
-    def _far_cost(self, far: _Far, buffers: Array, n: Array, group: GroupProblem, slots: Array) -> Array:
-        """Cost of body pixels outside the region whose partner is inside; negative where a pixel does not count."""
-        target = n * (buffers.shape[1] * buffers.shape[2]) + look_up(far.target, slots)
-        near = _meets(group, look_up(far.face, slots), look_up(buffers.reshape(-1), target))
-        return self._pixel_cost(look_up(far.cost, slots), near, jnp.ones_like(near), jnp.ones_like(near))
 
     def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:
         """Let each face that shares a pixel look for its own partner.

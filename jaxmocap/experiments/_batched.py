@@ -80,7 +80,7 @@ class SearchBatch(eqx.Module):
             raise InputError(f"there is no group '{group}'; choose one of {', '.join(groups)}.")
         dofs, skeleton = groups[group], character.skeleton
         part = body_part(character, dofs)
-        whole = GroupProblem.whole(character, part, pose, problem.coarser(step))
+        whole = GroupProblem(character, part, pose, problem.coarser(step))
         reach = jnp.array(ROOT_REACH)
         lower = jnp.concatenate([-reach, skeleton.lower - pose.angles])[jnp.array(dofs)]
         upper = jnp.concatenate([reach, skeleton.upper - pose.angles])[jnp.array(dofs)]

@@ -104,7 +104,7 @@ class _World:
         """Eq. 6 of particles that move the whole body, (particle, 3) metres."""
         energy, character = SearchEnergy((ModelView(),)), self.truth.character
         part = body_part(character, character.skeleton.group("root"))
-        group = GroupProblem.whole(character, part, self.pose, self.problem)
+        group = GroupProblem(character, part, self.pose, self.problem)
 
         @eqx.filter_jit
         def score(moves):

@@ -28,14 +28,11 @@ class Tiles(NamedTuple):
     count: Int[Array, ""]
 
 
-def touched_rows(places: Places, corner: Int[Array, "2"], padded_height: int) -> Int[Array, "2"]:
-    """Find the band of a buffer's rows that faces at these `places` may touch, in eights: the first, and where it ends.
-
-    `corner` is the buffer's first pixel on the screen.
-    """
+def touched_rows(places: Places, padded_height: int) -> Int[Array, "2"]:
+    """Find the band of a buffer's rows that faces at these `places` may touch, in eights: the first, and its end."""
     low, high = (of(jnp.stack([of(rows) for rows in places[1]])) for of in (jnp.min, jnp.max))
     low, high = jnp.nan_to_num(low, nan=-jnp.inf), jnp.nan_to_num(high, nan=jnp.inf)  # of no pose: anywhere
-    ends = jnp.stack([jnp.floor(low), jnp.ceil(high) + WINDOW]) - corner[0] + WINDOW
+    ends = jnp.stack([jnp.floor(low), jnp.ceil(high) + WINDOW]) + WINDOW
     return jnp.clip(ends, 0, padded_height + WINDOW - 1).astype(jnp.int32) // WINDOW
 
 
@@ -141,15 +138,16 @@ def sum_over_tiles(
 
 
 BLOCK = (16, 32)
-"""Rows and columns of a block: pixels that lie side by side cost a third of what listed ones do, but more than the dirty
-ones are looked at."""
+"""Rows and columns of a block. Pixels side by side cost a third of listed ones; larger blocks hold more that are
+clean."""
 
 
-def block_sums(values: Float[Array, "height width"]) -> Float[Array, "down across"]:
+def block_sums(values: Float[Array, "*lead height width"]) -> Float[Array, "*lead block_down block_across"]:
     """Sum the pixels of every block."""
-    down, across = (-(-extent // side) for extent, side in zip(values.shape, BLOCK, strict=True))
-    missing = [(0, count * side - extent) for count, side, extent in zip((down, across), BLOCK, values.shape, strict=True)]
-    return jnp.pad(values, missing).reshape(down, BLOCK[0], across, BLOCK[1]).sum((1, 3))
+    (*lead, height, width), (tall, wide) = values.shape, BLOCK
+    down, across = -(-height // tall), -(-width // wide)
+    missing = [(0, 0)] * len(lead) + [(0, down * tall - height), (0, across * wide - width)]
+    return jnp.pad(values, missing).reshape(*lead, down, tall, across, wide).sum((-3, -1))
 
 
 def sum_over_blocks(
@@ -160,8 +158,8 @@ def sum_over_blocks(
 ) -> Float[Array, ""]:
     """Sum the costs of a picture's pixels: of blocks with a dirty tile anew, of the others the `known` sum.
 
-    `cost(row, column, block)` computes those of a block of these sides from its first pixel on. A block that would reach beyond
-    the picture begins before its place, and only what is its own counts.
+    `cost(row, column, block)` computes those of a block of these sides from its first pixel on. A block that would
+    reach beyond the picture begins before its place, and only what is its own counts.
     """
     sides = (min(BLOCK[0], size[0]), min(BLOCK[1], size[1]))
     tall, wide, (down, across) = BLOCK[0] // WINDOW, BLOCK[1] // WINDOW, known.shape

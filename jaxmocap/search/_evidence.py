@@ -160,7 +160,7 @@ class PoseScore:
         """Score poses: totals (pose,) and terms (pose, term)."""
         skeleton = self.character.skeleton
         moved = np.stack([np.asarray(difference(skeleton, poses[0], pose)) for pose in poses])
-        group = GroupProblem.whole(self.character, self.part, poses[0], problem)
+        group = GroupProblem(self.character, self.part, poses[0], problem)
         chunks = [self._chunk(group, moved[first : first + ROWS]) for first in range(0, len(moved), ROWS)]
         totals, terms = zip(*chunks, strict=True)
         return np.concatenate(totals), np.concatenate(terms)

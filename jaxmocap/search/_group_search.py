@@ -17,7 +17,6 @@ from jaxmocap.energies import (
     Base,
     BodyPart,
     GroupProblem,
-    Region,
     SearchEnergy,
     part_windows,
     prepare_base,
@@ -27,19 +26,6 @@ from jaxmocap.observation import FrameProblem
 from jaxmocap.samplers import AbstractSampler, Pool, run
 
 from ._drawn_meshes import Groups, Mesh, alike_parts, is_limb, power_of_two
-
-REGION_SIDES = (128, 192, 256, 384, 512, 768, 1024, 1536, 2048)
-"""Pixels that a side of a region may have: few, so that captures share programs."""
-
-LEAST_SQUARE = 384
-"""Pixels of the smallest square region: nearly all searches then have that or the whole rectangle."""
-
-REGION_SLACK = 1.15
-"""A new region is this much larger than needed."""
-
-WHOLE = 2 / 3
-"""Share of the rectangle from which on a region is all of it: nothing outside is to be looked at, for few more pixels,
-and like captures share their programs."""
 
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
@@ -67,7 +53,6 @@ class GroupResult(eqx.Module):
     energy: Float[Array, ""]
     needed: Int[Array, "stage"]
     needed_base: Int[Array, ""]
-    needed_far: Int[Array, ""]
 
 
 class Reach(NamedTuple):
@@ -107,12 +92,10 @@ class _Level(eqx.Module):
 
     def of(self, group: GroupProblem) -> GroupProblem:
         """Return the group as this stage sees it."""
-        step, (height, width) = self.stage.step, group.region.size
-        character, frame = group.character, group.frame.coarser(step)
+        character, frame = group.character, group.frame.coarser(self.stage.step)
         if self.mesh is not None:
             character, frame = self.mesh.character, replace(frame, surface=self.mesh.surface)
-        region = Region(group.region.corners // step, (height // step, width // step))
-        return GroupProblem(character, self.part, group.pose, frame, region)
+        return GroupProblem(character, self.part, group.pose, frame)
 
 
 class _ParticleEnergy(eqx.Module):
@@ -134,25 +117,6 @@ class _ParticleEnergy(eqx.Module):
         moved = (values / jnp.maximum(self.spread, 1e-6)) ** 2
         total = scores.total + self.prior * jnp.sum(moved / (1 + moved), axis=1)
         return jnp.where(scores.needed > self.capacity, jnp.nan, total)
-
-
-@cached_jit
-def particle_boxes(
-    character: Character, part: BodyPart, pose: Pose, problem: FrameProblem, increments: Float[Array, "particle dof"]
-) -> Float[Array, "camera 4"]:
-    """Find the box (left, top, right, bottom) in the rectangle that holds the part for all increments, per view."""
-
-    def box(delta: Array) -> Array:
-        vertices = part.posed(character, retract(character.skeleton, pose, delta))
-        homogeneous = (
-            jnp.einsum("cij,vj->cvi", problem.projection[:, :, :3], vertices) + problem.projection[:, None, :, 3]
-        )
-        depth = jnp.maximum(homogeneous[..., 2:], 0.05)
-        pixels = homogeneous[..., :2] / depth - problem.origins[:, None, ::-1]
-        return jnp.concatenate([pixels.min(1), pixels.max(1)], -1)
-
-    boxes = jax.lax.map(box, increments)
-    return jnp.concatenate([boxes[..., :2].min(0), boxes[..., 2:].max(0)], -1)
 
 
 def wide_population(
@@ -225,7 +189,6 @@ def _search(
         energy=info.energy,
         needed=jnp.stack(needed),
         needed_base=jnp.stack([base.needed for base in bases]).max(),
-        needed_far=jnp.stack([base.needed_far for base in bases]).max(),
     )
 
 
@@ -236,8 +199,6 @@ class Sizes:
 
     base_capacity: int
     capacity: dict[tuple[int, float], int] = field(default_factory=dict)
-    far_capacity: int = 1024
-    region: tuple[int, int] = (0, 0)
 
 
 @dataclass
@@ -250,31 +211,6 @@ class GroupSearch:
     simple: dict[float, tuple[Mesh, BodyPart]] = field(default_factory=dict)
     sizes: Sizes = field(default_factory=lambda: Sizes(256))
     distal: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
-
-    def place_region(
-        self, boxes: Float[np.ndarray, "camera 4"], problem: FrameProblem, square: bool
-    ) -> Int[np.ndarray, "camera 2"]:
-        """Place the region's corners in the rectangle; its size grows in steps until it is the rectangle's.
-
-        It is `square` for coarse stages, to which pixels cost little: that leaves fewer sizes.
-        """
-        height, width = problem.size
-        boxes = np.clip(np.nan_to_num(boxes), -64, [width + 64, height + 64, width + 64, height + 64])
-        extent = (boxes[:, 2:] - boxes[:, :2]).max(0)[::-1] + 16
-        need, least = (np.full(2, extent.max()), LEAST_SQUARE) if square else (extent, 0)
-        need, size = np.minimum(need, (height, width)), self.sizes.region
-        if (need > size).any():
-            sides = [next((s for s in REGION_SIDES if s >= max(REGION_SLACK * each, least)), each) for each in need]
-            size = np.maximum(size, np.minimum(sides, (height, width)))
-        if size[0] * size[1] > WHOLE * height * width:
-            self.sizes.region = (height, width)
-            return np.zeros((len(boxes), 2), np.int32)
-        size = (int(size[0]) // 8 * 8, int(size[1]) // 8 * 8)
-        self.sizes.region = size
-        centre = 0.5 * (boxes[:, :2] + boxes[:, 2:])
-        top = np.clip(centre[:, 1] - size[0] / 2, 0, height - size[0])
-        left = np.clip(centre[:, 0] - size[1] / 2, 0, width - size[1])
-        return (np.stack([top, left], -1) // 8 * 8).astype(np.int32)
 
     def __call__(
         self,
@@ -292,18 +228,14 @@ class GroupSearch:
         while True:
             result = _search(*self._arguments(stages, sampler, task, key, reach))
             result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
-            needed_base, needed_far = int(result.needed_base), int(result.needed_far)
+            needed_base = int(result.needed_base)
             needed = {_name(stage): int(count) for stage, count in zip(stages, result.needed, strict=True)}
-            if (
-                all(1.1 * count <= sizes.capacity[level] for level, count in needed.items())
-                and needed_base <= sizes.base_capacity
-                and needed_far <= sizes.far_capacity
-            ):
+            fits = all(1.1 * count <= sizes.capacity[level] for level, count in needed.items())
+            if fits and needed_base <= sizes.base_capacity:
                 return result
             for level, count in needed.items():
                 sizes.capacity[level] = max(sizes.capacity[level], power_of_two(1.2 * count))
             sizes.base_capacity = max(sizes.base_capacity, power_of_two(1.1 * needed_base))
-            sizes.far_capacity = max(sizes.far_capacity, power_of_two(1.1 * needed_far))
 
     def _task(
         self,
@@ -314,7 +246,7 @@ class GroupSearch:
         spread: Float[np.ndarray, "dof"],
         reach: Reach,
     ) -> "_Task":
-        """Bound the increments, and place the region that they can reach."""
+        """Bound the increments, and find what each stage draws."""
         skeleton = character.skeleton
         free, angles = np.array(ROOT_REACH, np.float32), np.asarray(pose.angles)
         lower = np.concatenate([-free, np.asarray(skeleton.lower) - angles])
@@ -322,20 +254,12 @@ class GroupSearch:
         if np.isfinite(reach.within):
             farthest = reach.within * np.asarray(spread, np.float32)
             lower, upper = np.maximum(lower, -farthest), np.minimum(upper, farthest)
-        cloud = np.zeros((2 * len(self.part.dofs) + 1, skeleton.num_dofs), np.float32)  # as many for groups that share
-        for row, dof in enumerate(self.dofs):
-            far = (1.7 if reach.wide == 0 else 8.0) * spread[dof]
-            cloud[2 * row, dof] = min(far, float(upper[dof]))
-            cloud[2 * row + 1, dof] = max(-far, float(lower[dof]))
         drawn = [self.simple.get(stage.faces, (None, self.part)) for stage in stages]
         meshes, part = [mesh for mesh, _ in drawn if mesh is not None], self.part
         if len(meshes) == len(drawn):  # the character's own mesh then leaves no trace in the shapes
             character, problem, part = meshes[0].character, replace(problem, surface=meshes[0].surface), drawn[0][1]
-        boxes = np.asarray(particle_boxes(character, part, pose, problem, jax.device_put(cloud)))
-        corners = jax.device_put(self.place_region(boxes, problem, square=all(stage.step > 1 for stage in stages)))
-        group = GroupProblem(character, part, pose, problem, Region(corners, self.sizes.region))
         box = _Box(*jax.device_put((np.asarray(spread, np.float32), lower, upper)))
-        return _Task(group, box, drawn)
+        return _Task(GroupProblem(character, part, pose, problem), box, drawn)
 
     def _arguments(
         self, stages: tuple[Stage, ...], sampler: AbstractSampler, task: "_Task", key: PRNGKeyArray, reach: Reach
@@ -344,8 +268,7 @@ class GroupSearch:
         sizes, group, levels = self.sizes, task.group, []
         for stage, (mesh, part) in zip(stages, task.drawn, strict=True):
             capacity = sizes.capacity.setdefault(_name(stage), power_of_two(1.3 * part.faces.shape[1]))
-            sized = replace(stage, energy=stage.energy.with_capacity(sizes.far_capacity))
-            levels.append(_Level(sized, mesh, part, capacity))
+            levels.append(_Level(stage, mesh, part, capacity))
         unseen = tuple(replace(level, part=level.part.unseen()) for level in levels)
         bases = _prepare(unseen, replace(group, part=group.part.unseen()), sizes.base_capacity)
         chance = (self.distal, reach.wide, jnp.float32(reach.prior))
@@ -353,7 +276,7 @@ class GroupSearch:
 
 
 class _Task(NamedTuple):
-    """A group where it is searched, the bounds of its increments, and the mesh and part that each stage draws."""
+    """A group, the bounds of its increments, and the mesh and part that each stage draws."""
 
     group: GroupProblem
     box: _Box

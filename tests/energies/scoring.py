@@ -12,7 +12,6 @@ from jaxmocap.energies import (
     GroupProblem,
     ModelView,
     Posture,
-    Region,
     Scores,
     SearchEnergy,
     Silhouette,
@@ -51,19 +50,16 @@ def score_in(
     part: BodyPart,
     pose: Pose,
     problem: FrameProblem,
-    corners: Array,
-    size: tuple[int, int],
     increments: Array,
     driver: Driver | None = None,
 ) -> tuple[Scores, Base]:
-    region = Region(corners, size)
-    group = GroupProblem(character, part, pose, problem, region)
+    group = GroupProblem(character, part, pose, problem)
     base = prepare_base(energy, group, CAPACITY)
     return score_particles(energy, group, base, increments, CAPACITY, driver), base
 
 
 def score(world, increments, energy: SearchEnergy | None = None) -> dict[str, np.ndarray]:
-    """Terms of increments of the true pose, the whole body drawn anew in the whole rectangle."""
+    """Terms of increments of the true pose, the whole body drawn anew."""
     increments = np.asarray(increments, np.float32)
     assert len(increments) <= PARTICLES
     padded = np.zeros((PARTICLES, 39), np.float32)
@@ -71,10 +67,7 @@ def score(world, increments, energy: SearchEnergy | None = None) -> dict[str, np
     character, problem = world.character, world.problem(FRAME)
     part = body_part(character, character.skeleton.group("root"))
     energy = energy_of(world) if energy is None else energy
-    corners = jnp.zeros((problem.num_cameras, 2), jnp.int32)
-    scores, _ = score_in(
-        energy, character, part, world.pose(FRAME), problem, corners, problem.size, jnp.asarray(padded)
-    )
+    scores, _ = score_in(energy, character, part, world.pose(FRAME), problem, jnp.asarray(padded))
     assert int(scores.needed) <= CAPACITY
     terms = np.asarray(scores.terms)[: len(increments)]
     return dict(zip(TERMS, terms.T, strict=True)) | {"total": np.asarray(scores.total)[: len(increments)]}

@@ -1,4 +1,4 @@
-"""Scoring a limb in a small region gives the energy of the whole body in the whole rectangle."""
+"""Scoring a limb, which looks at what it changes only, gives the energy of the whole body drawn anew."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,7 +8,7 @@ from scoring import FRAME, TERMS, energy_of, score, score_in
 
 from jaxmocap.appearance import psi
 from jaxmocap.character import retract, skin
-from jaxmocap.energies import ModelView, Region, SearchEnergy, body_part, covered_cost, uncovered_cost
+from jaxmocap.energies import ModelView, SearchEnergy, body_part, covered_cost, uncovered_cost
 from jaxmocap.observation import draw
 
 LIMBS = ("l_arm", "r_arm", "l_leg", "r_leg")
@@ -37,39 +37,15 @@ def parts(world):
 
 
 @pytest.fixture(scope="module")
-def regions(world, parts, increments):
-    """Corners (limb, camera, 2) of one size that hold every limb in every particle."""
-    problem, pose, skeleton = world.problem(FRAME), world.pose(FRAME), world.character.skeleton
-    boxes = []
-    for part, moves in zip(parts, increments, strict=True):
-        posed = np.concatenate([part.posed(world.character, retract(skeleton, pose, jnp.asarray(m))) for m in moves])
-        for camera in range(problem.num_cameras):
-            homogeneous = np.c_[posed, np.ones(len(posed))] @ np.asarray(problem.projection[camera]).T
-            pixels = homogeneous[:, :2] / homogeneous[:, 2:] - np.asarray(problem.origins[camera])[::-1]
-            boxes.append(np.concatenate([pixels.min(0)[::-1], pixels.max(0)[::-1]]))
-    boxes = np.array(boxes).reshape(len(LIMBS), -1, 4)
-    size = np.ceil((boxes[..., 2:] - boxes[..., :2]).max((0, 1)) / 8 + 1) * 8
-    corners = np.clip(boxes[..., :2] - 4, 0, np.array(problem.size) - size) // 2 * 2  # even, for every second pixel
-    assert np.all(corners <= np.maximum(boxes[..., :2], 0))
-    assert np.all(corners + size >= np.minimum(boxes[..., 2:], problem.size))
-    assert np.prod(size) < 0.75 * np.prod(problem.size)
-    return corners.astype(np.int32), (int(size[0]), int(size[1]))
-
-
-@pytest.fixture(scope="module")
 def whole(world, increments):
     terms = score(world, increments.reshape(-1, 39))
     return {name: values.reshape(len(LIMBS), EACH) for name, values in terms.items()}
 
 
 @pytest.mark.parametrize("limb", range(4), ids=LIMBS)
-def test_a_limb_in_its_region_scores_like_the_whole_body(world, parts, regions, increments, whole, limb):
-    corners, size = regions
-    scores, base = score_in(
-        energy_of(world), world.character, parts[limb], world.pose(FRAME), world.problem(FRAME),
-        jnp.asarray(corners[limb]), size, jnp.asarray(increments[limb]),
-    )  # fmt: skip
-    assert 0 < int(base.needed_far) <= 4096
+def test_a_limb_scores_like_the_whole_body(world, parts, increments, whole, limb):
+    where = (world.character, parts[limb], world.pose(FRAME), world.problem(FRAME))
+    scores, _ = score_in(energy_of(world), *where, jnp.asarray(increments[limb]))
     terms = dict(zip(TERMS, np.asarray(scores.terms).T, strict=True))
     for name in TERMS:
         gap = np.abs(terms[name] - whole[name][limb])
@@ -79,28 +55,20 @@ def test_a_limb_in_its_region_scores_like_the_whole_body(world, parts, regions, 
         assert np.ptp(terms[name]) > 1e-3 or (name == "posture" and "leg" in LIMBS[limb]), name
 
 
-def test_the_driver_of_accelerators_scores_like_that_of_cpus(world, parts, regions, increments):
-    corners, size = regions
-    found = [
-        score_in(
-            energy_of(world), world.character, parts[0], world.pose(FRAME), world.problem(FRAME),
-            jnp.asarray(corners[0]), size, jnp.asarray(increments[0]), driver,
-        )[0]
-        for driver in ("loop", "scatter")
-    ]  # fmt: skip
+def test_the_driver_of_accelerators_scores_like_that_of_cpus(world, parts, increments):
+    where = (world.character, parts[0], world.pose(FRAME), world.problem(FRAME), jnp.asarray(increments[0]))
+    found = [score_in(energy_of(world), *where, driver)[0] for driver in ("loop", "scatter")]
     assert int(found[0].needed) == int(found[1].needed)
     gaps = np.abs(np.asarray(found[0].terms) - np.asarray(found[1].terms))
     assert np.mean(gaps > 1e-5) < 0.06
     assert gaps.max() < 1.1e-3
 
 
-def test_exact_shading_is_the_definition_and_near_the_palette(world, parts, regions, increments):
-    """In a limb's region, and over the whole rectangle by NumPy."""
-    corners, size = regions
+def test_exact_shading_is_the_definition_and_near_the_palette(world, parts, increments):
+    """Of a limb, and of all pixels by NumPy."""
     energy = SearchEnergy((ModelView(), ModelView(shading="exact")))
     problem, pose, moves = world.problem(FRAME), world.pose(FRAME), jnp.asarray(increments[0, :12])
-    where = (problem, jnp.asarray(corners[0]), size, moves)
-    scores, _ = score_in(energy, world.character, parts[0], pose, *where)
+    scores, _ = score_in(energy, world.character, parts[0], pose, problem, moves)
     palette, exact = np.asarray(scores.terms).T
     assert 0 < np.abs(palette - exact).max() < 0.004
     assert np.ptp(exact) > 5 * np.abs((palette - palette.mean()) - (exact - exact.mean())).max()
@@ -129,17 +97,8 @@ def test_exact_shading_needs_colour_models(world):
     with pytest.raises(ValueError, match="colour models"):
         score_in(
             SearchEnergy((ModelView(shading="exact"),)), world.character, part, world.pose(FRAME), bare,
-            jnp.zeros((2, 2), jnp.int32), bare.size, jnp.zeros((2, 39)),
+            jnp.zeros((2, 39)),
         )  # fmt: skip
-
-
-def test_a_region_cuts_what_the_numpy_slice_cuts():
-    values = jnp.arange(20 * 30 * 2).reshape(20, 30, 2)
-    region = Region(jnp.array([[0, 0], [4, 10]]), (8, 16))
-    np.testing.assert_array_equal(region.cut(values, 1), values[4:12, 10:26])
-    np.testing.assert_array_equal(region.cut(values, 1, step=2), values[4:12:2, 10:26:2])
-    padded = jnp.pad(values, ((3, 3), (3, 3), (0, 0)))
-    np.testing.assert_array_equal(region.cut(padded, 1, border=3)[3:-3, 3:-3], values[4:12, 10:26])
 
 
 def test_a_part_holds_the_faces_its_joints_move(world):

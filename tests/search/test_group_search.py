@@ -213,22 +213,3 @@ def test_limbs_share_a_program_and_so_do_root_and_torso(searches):
         assert all(shape == shapes[0] for shape in shapes)
         assert len({len(search.dofs) for search in alike}) == 2
     assert searches["root"].sizes is not searches["l_leg"].sizes
-
-
-def test_region_holds_the_limb_and_only_grows(world, searches):
-    search, problem = searches["r_arm"], world.problem(FRAME)
-    search.sizes.region = (0, 0)
-    height, width = problem.size
-    small, large = np.array([[100.0, 90, 130, 130]] * 2), np.array([[80.0, 60, 170, 180]] * 2)
-    for boxes in (small, large, small):
-        corners = search.place_region(boxes, problem, square=False)
-        size = search.sizes.region
-        assert np.all(corners % 8 == 0)
-        assert np.all(corners >= 0)
-        assert np.all(corners + size <= [height, width])
-        assert np.all(corners[:, ::-1] <= boxes[:, :2])
-        assert np.all(corners[:, ::-1] + size[::-1] >= boxes[:, 2:])
-    after_large = search.sizes.region
-    assert after_large[0] >= 120
-    search.place_region(np.array([[-500.0, -500, 2000, 2000], [np.nan] * 4]), problem, square=True)
-    assert np.all(np.array(search.sizes.region) <= [height, width])
