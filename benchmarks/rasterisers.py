@@ -4,8 +4,8 @@
 
 One core. All sides draw the same poses of the same mesh into the same rectangles, in turns within one run; times are
 medians of process time, so that other programs on the machine disturb them little. Beside every time stands how well
-the answers agree. What is not installed is skipped with a reason: a C++ compiler, embreex (`pip install embreex`),
-PyTorch3D.
+the answers agree. The C++ looks at the smallest region that holds all particles. What is not installed is skipped with
+a reason: a C++ compiler, embreex (`pip install embreex`), PyTorch3D.
 """
 
 import argparse
@@ -40,7 +40,6 @@ from jaxmocap.energies import (
     BodyPart,
     GroupProblem,
     ModelView,
-    Region,
     Scores,
     SearchEnergy,
     base_buffers,
@@ -50,9 +49,10 @@ from jaxmocap.energies import (
     search_energy,
     uncovered_cost,
 )
+from jaxmocap.energies._view_view import ViewView, _meets
 from jaxmocap.observation import FrameImages, FrameProblem, Observations, place_rectangle, projected_box
 from jaxmocap.pipeline import fit_capture_appearance
-from jaxmocap.render import WINDOW, crop, face_ids
+from jaxmocap.render import crop, face_ids
 from jaxmocap.synthetic import make_capture, write_capture
 
 CAPACITY = 16384
@@ -108,11 +108,28 @@ def scene() -> tuple[Character, Pose, FrameProblem]:
         return truth.character, truth.pose(2), observations.problem(shown, rectangle, truth.pose(2))
 
 
+class Region(NamedTuple):
+    """Corners (row, column) of what the C++ looks at in the rectangle of each view, and its size."""
+
+    corners: np.ndarray
+    size: tuple[int, int]
+
+    def cut(self, values: object, camera: int) -> np.ndarray:
+        (top, left), (height, width) = self.corners[camera], self.size
+        return np.asarray(values)[top : top + height, left : left + width]
+
+    def mask(self, camera: int, size: tuple[int, int]) -> np.ndarray:
+        inside = np.zeros(size, bool)
+        self.cut(inside, camera)[:] = True
+        return inside
+
+
 class Case(NamedTuple):
-    """Particles of one group in one frame."""
+    """Particles of one group in one frame, and the region that holds them all."""
 
     group: GroupProblem
     increments: np.ndarray
+    region: Region
 
 
 def region_of(
@@ -121,7 +138,7 @@ def region_of(
     """The smallest region, in steps of 16 pixels, that holds the part for all increments in both views."""
     height, width = problem.size
     if part.faces.shape[1] == part.num_faces:
-        return Region(jnp.zeros((2, 2), jnp.int32), problem.size)
+        return Region(np.zeros((2, 2), int), problem.size)
     boxes = []
     for delta in increments:
         points = np.asarray(part.posed(character, retract(character.skeleton, pose, jnp.asarray(delta))))
@@ -133,12 +150,12 @@ def region_of(
     size = [min(int(-(-extent // 16) * 16), full) for extent, full in
             zip((high - low).max(0)[::-1], (height, width), strict=True)]  # fmt: skip
     corner = np.clip(low[:, ::-1], 0, [height - size[0], width - size[1]])
-    return Region(jnp.asarray(corner // 8 * 8, jnp.int32), (size[0] // 8 * 8, size[1] // 8 * 8))
+    return Region(corner.astype(int) // 8 * 8, (size[0] // 8 * 8, size[1] // 8 * 8))
 
 
 def jax_scores(energy: SearchEnergy, case: Case, capacity: int = CAPACITY) -> tuple[Base, Callable[[], Scores]]:
     """What the particles share, and a call that scores them with room for `capacity` windows."""
-    group, increments = case
+    group, increments, _ = case
 
     as_tracked = partial(eqx.filter_jit, compiler_options=quick_loops())  # as `optimised_jit` compiles a search
 
@@ -167,11 +184,36 @@ class _Far(ctypes.Structure):
     ]  # fmt: skip
 
 
+def far_pixels(
+    case: Case, base: Base, pair: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[float, float]]:
+    """Pixels of one view outside its region whose partner in the other lies in the region there: where, which face, at
+    what cost if they meet; and cost and number of those whose partner lies elsewhere too."""
+    group, region, shared, term = case.group, case.region, base.prepared[1], ViewView()
+    m, n, size = pair, 1 - pair, group.frame.size
+    keys = crop(base.buffers)
+    faces = np.asarray(group.layout.face(keys))
+    rows, columns = jnp.meshgrid(*(jnp.arange(extent, dtype=jnp.float32) for extent in size), indexing="ij")
+    between = jax.tree.map(lambda values: values[pair], shared.between)
+    x, y, inside = term._partner(between, keys[m], rows, columns, m, n, group)
+    column, row = (np.round(np.asarray(place)).astype(int) for place in (x, y))
+    here = ~region.mask(m, size) & (faces[m] >= 0)
+    there = region.mask(n, size)[row, column] & np.asarray(inside) & here
+    corner = term._corner(n * size[0] * size[1], x, y, size[1], size[0])
+    colour = term._colour_cost(shared.packed[m].reshape(size), shared.packed.reshape(-1), *corner, size[1])
+    met = inside & _meets(group, jnp.maximum(faces[m], 0), keys[n][row, column])
+    fixed = np.asarray(term._pixel_cost(colour, met, inside, here & ~there))
+    top, left = region.corners[n]
+    target = (row - top) * region.size[1] + column - left
+    sums = float(np.maximum(fixed, 0).sum()), float((fixed >= 0).sum())
+    return target[there], faces[m][there], np.asarray(colour)[there], sums
+
+
 def c_scores(library: ctypes.CDLL, case: Case, base: Base) -> tuple[Callable[[bool], None], np.ndarray, np.ndarray]:
     """The same by `z_buffer.cpp`: a call, with Eq. 7 or without, and where it leaves the totals of both. `base` is what
     particles share for both equations."""
-    group, increments = case
-    character, part, pose, problem, region = group.character, group.part, group.pose, group.frame, group.region
+    group, increments, region = case
+    character, part, pose, problem = group.character, group.part, group.pose, group.frame
 
     def plain(values, kind=np.float32) -> np.ndarray:
         return np.ascontiguousarray(np.asarray(values), kind)
@@ -188,7 +230,7 @@ def c_scores(library: ctypes.CDLL, case: Case, base: Base) -> tuple[Callable[[bo
     depth = jnp.where(ids >= 0, depth, 0.0)
 
     def cut(values) -> np.ndarray:
-        return np.stack([np.asarray(region.cut(values[c], c)) for c in range(2)])
+        return np.stack([region.cut(values[c], c) for c in range(2)])
 
     table = plain(problem.surface.colour_distance)
     arrays = (
@@ -200,7 +242,7 @@ def c_scores(library: ctypes.CDLL, case: Case, base: Base) -> tuple[Callable[[bo
     )  # fmt: skip
     sizes = (len(bones), bones.shape[1], len(part.vertices), part.faces.shape[1], 2, *region.size, *table.shape[1:])
     out, pairs, seen = np.zeros(len(bones)), np.zeros(len(bones)), np.zeros((2, *region.size), np.int32)
-    shared, border = base.prepared[1], region.size[1] + 2 * WINDOW
+    shared = base.prepared[1]
     near = plain(problem.surface.near_faces, np.uint32)
     between = np.concatenate([shared.between.homography, shared.between.epipole[..., None]], -1)
     whole = (
@@ -209,14 +251,10 @@ def c_scores(library: ctypes.CDLL, case: Case, base: Base) -> tuple[Callable[[bo
     )  # fmt: skip
     rectangle = _Rectangle(*problem.size, near.shape[1], *(array.ctypes.data for array in whole))
     far, kept = (_Far * 2)(), []
-    for pair in range(2 if shared.far is not None else 0):
-        slots = jax.tree.map(lambda a, pair=pair: np.asarray(a)[pair], shared.far)
-        count = min(int(slots.needed), len(slots.face))
-        row, column = np.divmod(np.asarray(slots.target[:count]), border)
-        target = plain((row - WINDOW) * region.size[1] + column - WINDOW, np.int32)
-        lists = (target, plain(slots.face[:count], np.int32), plain(slots.cost[:count]))
-        fixed = float(slots.fixed_cost), float(slots.fixed_count)
-        far[pair] = _Far(count, *(array.ctypes.data for array in lists), *fixed)
+    for pair in range(2):
+        target, face, cost, fixed = far_pixels(case, base, pair)
+        lists = (plain(target, np.int32), plain(face, np.int32), plain(cost))
+        far[pair] = _Far(len(target), *(array.ctypes.data for array in lists), *fixed)
         kept.append(lists)
 
     def call(with_views: bool, alive: object = (whole, kept)) -> None:  # the lists live as long as the call
@@ -242,7 +280,7 @@ def against_cpp(library: ctypes.CDLL, repeats: int, particles: int) -> list[Figu
         spread = np.where(np.array(dofs) < 3, 0.02, 0.05)
         increments[:, list(dofs)] = np.random.default_rng(0).normal(0, spread, (particles, len(dofs)))
         region = region_of(character, part, pose, problem, increments)
-        case = Case(GroupProblem(character, part, pose, problem, region), increments)
+        case = Case(GroupProblem(character, part, pose, problem), increments, region)
         capacity = 2 ** int(np.ceil(np.log2(1.2 * int(jax_scores(eq6, case)[1]().needed))))
         base, ours = jax_scores(eq6, case, capacity)
         shared, with_views = jax_scores(both, case, capacity)
@@ -252,7 +290,8 @@ def against_cpp(library: ctypes.CDLL, repeats: int, particles: int) -> list[Figu
         scores, means = ours(), np.asarray(with_views().terms)[:, 1]
         assert int(scores.needed) <= capacity
         mine = np.asarray(scores.total) * float(problem.area)
-        hand = totals + float(base.prepared[0].elsewhere.sum())
+        costs = ModelView().pixel_costs(crop(base.buffers), problem, part.layout)
+        hand = totals + sum(float(costs[c].sum() - region.cut(costs[c], c).sum()) for c in range(2))
         renders = particles * problem.num_cameras
         label = f"{name} {region.size[1]}x{region.size[0]}"
         figures += [

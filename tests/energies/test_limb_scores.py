@@ -55,6 +55,19 @@ def test_a_limb_scores_like_the_whole_body(world, parts, increments, whole, limb
         assert np.ptp(terms[name]) > 1e-3 or (name == "posture" and "leg" in LIMBS[limb]), name
 
 
+def test_what_a_particle_draws_leaves_no_trace_in_the_next(world, parts, increments):
+    """Not even one that leaves the picture, or that has no pose."""
+    moves = np.array(increments[0])
+    order = np.random.default_rng(0).permutation(EACH)
+    wild = moves[order]
+    wild[::3] = 0.0
+    wild[0, :3], wild[6, 2], wild[12, 4] = (0.0, 40.0, 0.0), -30.0, np.nan
+    where = (energy_of(world), world.character, parts[0], world.pose(FRAME), world.problem(FRAME))
+    plain, mixed = (np.asarray(score_in(*where, jnp.asarray(each))[0].terms) for each in (moves, wild))
+    kept = np.arange(EACH) % 3 != 0
+    np.testing.assert_array_equal(mixed[kept], plain[order][kept])
+
+
 def test_the_driver_of_accelerators_scores_like_that_of_cpus(world, parts, increments):
     where = (world.character, parts[0], world.pose(FRAME), world.problem(FRAME), jnp.asarray(increments[0]))
     found = [score_in(energy_of(world), *where, driver)[0] for driver in ("loop", "scatter")]
