@@ -184,9 +184,7 @@ class _Far(ctypes.Structure):
     ]  # fmt: skip
 
 
-def far_pixels(
-    case: Case, base: Base, pair: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[float, float]]:
+def far_pixels(case: Case, base: Base, pair: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[float, float]]:
     """Pixels of one view outside its region whose partner in the other lies in the region there: where, which face, at
     what cost if they meet; and cost and number of those whose partner lies elsewhere too."""
     group, region, shared, term = case.group, case.region, base.prepared[1], ViewView()

@@ -179,13 +179,11 @@ def _more(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run) 
     trials = swept("background grid", (10, 13, 16, 20), grid)
     trials += swept("lambda", (0.0, 0.1, 0.3, 1.0, 3.0), lambda v: ({weight: v}, {}))
     trials += swept("particles", (24, 48, 96, 192), lambda v: ({"search.particles": v}, {}))
-    iterations = lambda v: ({"search.stages.0.iterations": v, "search.stages.1.iterations": max(v // 2, 1)}, {})  # noqa: E731
-    trials += swept("iterations", (4, 10, 20), iterations)
-    fine = {"search.stages.0.step": 2, "search.stages.0.faces": 0.5}
-    trials += ablation("coarse to fine", "coarse to fine", [("on", {}, {}), ("off", fine, {})], [arms], seeds, base)
-    exact = {"search_energy.terms.model_view.shading": "exact", "search.stages.0.faces": 1.0}
-    palette = {"search.stages.0.faces": 1.0, "search.stages.1.faces": 1.0}
-    shading = [("palette", palette, {}), ("exact", {**exact, "search.stages.1.faces": 1.0}, {})]
+    trials += swept("iterations", (6, 16, 32), lambda v: ({"search.stages.0.iterations": v}, {}))
+    trials += swept("every n-th pixel", (2, 4), lambda v: ({"search.stages.0.step": v}, {}))
+    palette = {"search.stages.0.faces": 1.0}
+    exact = {**palette, "search_energy.terms.model_view.shading": "exact"}
+    shading = [("palette", palette, {}), ("exact", exact, {})]
     trials += ablation("shading", "shading", shading, [arms], seeds, base)
     dance = CaptureSpec("dance", {k: v for k, v in arms.arguments.items() if k != "scenery"})
     angles = {f"{a}": dance.varied(view_angle_degrees=float(a)) for a in (5, 10, 20, 27, 40)}

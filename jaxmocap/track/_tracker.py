@@ -81,7 +81,6 @@ class Tracker:
             weights=RefineWeights(regularisation=0.3, residual_scale=0.02, prior=0.3, robust=0.015),
             contours=ContourSettings(reach=10),
         )
-        efforts = (Effort(4, 10, 0.25), Effort(2, 6, 0.5))
         habits = {
             "prediction": True,
             "angles": "away_from_limits",
@@ -91,7 +90,7 @@ class Tracker:
         }
         if quality == "normal":
             search = SearchPlan(
-                efforts,
+                (Effort(2, 16, 0.25),),
                 particles=96,
                 trunk=0.6,
                 wide=0.25,
