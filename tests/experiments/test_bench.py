@@ -53,8 +53,8 @@ def test_the_quick_paper_compares_every_method_on_every_story_and_leaves_parts_o
 def test_the_whole_paper_varies_what_ours_adds():
     factors = {t.factor for t in paper()}
     assert factors >= {
-        "lambda", "particles", "iterations", "degrees", "cameras", "pixels", "change", "millimetres", "every n-th pixel",
-        "shading", "background grid", "selected frames",
+        "lambda", "particles", "iterations", "degrees", "cameras", "pixels", "change", "millimetres", "shading",
+        "every n-th pixel", "background grid", "selected frames",
     }  # fmt: skip
     assert {t.run.seed for t in paper()} == {0, 1, 2}
 
