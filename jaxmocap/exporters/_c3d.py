@@ -26,6 +26,8 @@ _EVENTS = {
 def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     """Write the joints and landmarks as virtual markers, and feet that begin or cease to stand as events.
 
+    Where contacts were not looked for there is no group `EVENT`; where no foot begins or ceases to stand it is empty.
+
     The residual is the standard deviation of a place along one axis, the root of the mean over the three, where the
     motion knows its uncertainty. A frame that is lost, and a joint without any confidence, is marked as C3D marks what
     was not seen, by a residual of -1: most programs show a gap.
@@ -58,6 +60,8 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     file["data"]["points"] = places
     file["data"]["meta_points"]["residuals"] = residuals.T[None]
     events = _foot_events(motion)
+    if motion.contacts is not None and not events:
+        file.add_parameter("EVENT", "USED", [0])
     if len(events) > _MOST_EVENTS:
         last = events[_MOST_EVENTS - 1][0] / rate
         form.say(f"{form.name}: C3D holds {_MOST_EVENTS} foot events; those after {last:.2f} s are left out.")
@@ -69,8 +73,10 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
 
 def _foot_events(motion: Motion) -> list[tuple[int, str, str]]:
     """List position, foot and label; a foot that stands as the motion begins, or ends, has no event there."""
-    steps = np.diff(motion.foot_contact.astype(np.int8), axis=0)
     found = []
+    if motion.foot_contact is None:
+        return found
+    steps = np.diff(motion.foot_contact.astype(np.int8), axis=0)
     for foot, changes in zip(("Left", "Right"), steps.T, strict=True):
         found += [(int(position) + 1, foot, "Foot Strike") for position in np.flatnonzero(changes > 0)]
         found += [(int(position), foot, "Foot Off") for position in np.flatnonzero(changes < 0)]

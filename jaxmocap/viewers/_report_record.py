@@ -181,10 +181,10 @@ def _uncertainty(motion: Motion) -> dict[str, Any] | None:
 
 
 def _foot_contact(motion: Motion) -> dict[str, list[int]] | None:
-    """Tell of every frame whether a foot stands, 1 or 0; None where no contact was found."""
-    if not motion.contacts:
+    """Tell of every frame whether a foot stands, 1 or 0; None where contacts were not looked for."""
+    if (stands := motion.foot_contact) is None:
         return None
-    return dict(zip(("left", "right"), motion.foot_contact.T.astype(int).tolist(), strict=True))
+    return dict(zip(("left", "right"), stands.T.astype(int).tolist(), strict=True))
 
 
 def _angles(motion: Motion) -> list[dict[str, Any]]:

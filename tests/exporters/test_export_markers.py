@@ -71,7 +71,12 @@ def test_c3d_has_a_strike_and_an_off_of_every_foot_that_stands(even, tmp_path):
     ]
     finer = events_of(export(standing[3:], tmp_path / "part.c3d", frame_rate=60))
     assert finer == [(0.1, "Left", "Foot Off"), (0.2, "Right", "Foot Strike")]
-    assert "EVENT" not in ezc3d.c3d(str(export(even, tmp_path / "none.c3d")))["parameters"]
+
+
+def test_c3d_claims_nothing_of_contacts_that_were_not_looked_for(even, tmp_path):
+    assert "EVENT" not in ezc3d.c3d(str(export(even, tmp_path / "not_looked_for.c3d")))["parameters"]
+    none = replace(even, provenance={**even.provenance, "contacts": []})
+    assert ezc3d.c3d(str(export(none, tmp_path / "none.c3d")))["parameters"]["EVENT"]["USED"]["value"] == [0]
 
 
 def test_c3d_holds_as_many_events_as_it_can_and_says_so(even, tmp_path):
@@ -173,7 +178,10 @@ def test_csv_tells_in_which_frames_a_foot_stands(even, tmp_path):
         rows = list(csv.DictReader(file))
     assert "".join(row["l_foot_contact"] for row in rows) == "001111100000"
     assert "".join(row["r_foot_contact"] for row in rows) == "111000000111"
-    with export(even, tmp_path / "none.csv").open() as file:
+    none = replace(even, provenance={**even.provenance, "contacts": []})
+    with export(none, tmp_path / "none_found.csv").open() as file:
+        assert {row["l_foot_contact"] + row["r_foot_contact"] for row in csv.DictReader(file)} == {"00"}
+    with export(even, tmp_path / "not_looked_for.csv").open() as file:
         assert set(rows[0]) - set(next(csv.reader(file))) == {"l_foot_contact", "r_foot_contact"}
 
 

@@ -241,7 +241,9 @@ def test_the_page_knows_in_which_frames_a_foot_stands(tmp_path):
     motion = judged(provenance={"lost": [], "contacts": contacts})
     contact = data_of(report_page(motion.save(tmp_path / "result")))["skate"]["contact"]
     assert contact == {"left": [0, 0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0], "right": [0] * 9 + [1] * 3}
-    assert data_of(report_page(judged().save(tmp_path / "none")))["skate"]["contact"] is None
+    none = data_of(report_page(judged(provenance={"lost": [], "contacts": []}).save(tmp_path / "none")))
+    assert none["skate"]["contact"] == {"left": [0] * 12, "right": [0] * 12}
+    assert data_of(report_page(judged().save(tmp_path / "not looked for")))["skate"]["contact"] is None
 
 
 def test_timings_are_summed_by_stage_and_by_frame(result):
