@@ -8,13 +8,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import jaxlib
 import numpy as np
 import pytest
 import trimesh
 
-from jaxmocap._cli import run
+from jaxmocap._cli import _output, run
 from jaxmocap._cli._output import progress, show
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character
@@ -428,3 +429,14 @@ def test_away_from_a_terminal_long_stages_say_every_tenth(capsys):
                 report(stage, done, total)
     said = capsys.readouterr().err.splitlines()
     assert said == ["register ...", "track ...", *(f"track {done} of 40" for done in range(4, 41, 4))]
+
+
+def test_away_from_a_terminal_steps_that_take_long_are_said(capsys, monkeypatch):
+    """As the first frames do, which compile; six frames are too few for every tenth."""
+    clock = [0.0]
+    monkeypatch.setattr(_output, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    with progress() as report:
+        for done, seconds in enumerate([0, 50, 50, 3, 3, 3, 3]):
+            clock[0] += seconds
+            report("track", done, 6)
+    assert capsys.readouterr().err.splitlines() == ["track ...", "track 1 of 6", "track 2 of 6"]

@@ -13,13 +13,17 @@ import pytest
 
 from jaxmocap import exporters, samplers
 from jaxmocap.appearance import AppearanceSettings, GridSettings
+from jaxmocap.camera import FORMATS
 from jaxmocap.capture import Capture
 from jaxmocap.character import rest_pose, skin
 from jaxmocap.character._dof_table import human_table
 from jaxmocap.energies import GroupProblem, SearchEnergy, body_part, prepare_base, score_particles
+from jaxmocap.importers._read_motion import SUFFIXES as MOTION_SUFFIXES
 from jaxmocap.motion import Motion
 from jaxmocap.observation import build_problem, observe, place_rectangle, projected_box, surface_of
 from jaxmocap.pipeline import fit_capture_appearance
+from jaxmocap.pipeline._doctor import _DECODERS
+from jaxmocap.rigging._read_mesh import SUFFIXES as MESH_SUFFIXES
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
 from jaxmocap.track import track
 
@@ -159,6 +163,21 @@ def test_the_table_of_exports_is_the_code_s():
         for suffix, one in exporters.EXPORTERS.items()
     ]
     assert rows == expected
+
+
+def test_the_table_of_formats_names_all_that_are_written_and_read():
+    text = (ROOT / "docs" / "reference.md").read_text()
+    section = text.split("### Formats beside those of other programs")[1].split("\n\n")[1]
+    rows = {cells[1].strip(): cells[2:] for line in section.splitlines()[2:] if (cells := line.split("|"))}
+    written, read = (
+        {name: re.findall(r"`([\w.-]+)`", cells[place]) for name, cells in rows.items()} for place in (0, 1)
+    )
+    assert set(written["calibration"]) == set(FORMATS)
+    assert {*written["motion"], *written["model"], ".colmap"} == {*exporters.EXPORTERS, ".npz"}
+    assert set(read["motion"]) == {*MOTION_SUFFIXES, ".npz"}
+    assert set(read["model"]) == {*MESH_SUFFIXES, ".npz", ".vrm"}
+    assert rows["video"][1].strip() == ", ".join(dict.fromkeys(_DECODERS.values()))
+    assert all(len(cells) == 7 and all(cell.strip() for cell in cells[:-1]) for cells in rows.values())
 
 
 def test_the_table_of_degrees_of_freedom_is_the_code_s():

@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.table import Table
 
 from ._arguments import Json
-from ._output import say, show
+from ._output import progress, say, show
 
 if TYPE_CHECKING:
     from jaxmocap.pipeline import Diagnosis
@@ -33,13 +33,14 @@ def doctor(
         say("self-test ... (about ten seconds; a minute the first time, when programs are compiled)")
     if warm:
         say("compiling what tracking runs ... (some minutes; the first film then need not)")
-    found = doctor(test=test, warm=warm)
+    with progress() as report:
+        found = doctor(test=test, warm=warm, progress=report)
     show(asdict(found), lambda: _tables(found), json_wanted=json)
     return UNSOUND if found.problems else 0
 
 
 def _tables(found: "Diagnosis") -> Group:
-    from jaxmocap.pipeline import EXTRAS
+    from jaxmocap.pipeline import EXTRAS, WARMED
 
     rows = [(name, one) for name, one in found.versions.items()]
     system = found.system
@@ -62,7 +63,7 @@ def _tables(found: "Diagnosis") -> Group:
     for name, text in rows:
         table.add_row(name, text)
     if found.warmed is not None:
-        table.add_row("compiled ahead", f"what tracking two films runs, in {found.warmed:.0f} s")
+        table.add_row("compiled ahead", f"in {found.warmed:.0f} s: {WARMED}")
     parts: list[Table | str] = [table]
     if found.tests:
         steps = Table(title="Self-test", title_justify="left")

@@ -3,6 +3,7 @@
 import contextlib
 import inspect
 import json
+import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 Report = Callable[[str, int, int], None]
 """`report(stage, done, total)`: what is going on, and how far it is."""
+
+_QUIET = 20.0
+"""Seconds without a line, after which the next step of a stage is worth one away from a terminal."""
 
 
 def say(message: str) -> None:
@@ -34,8 +38,8 @@ def show(value: Any, as_text: Callable[[], Any], *, json_wanted: bool) -> None:
 
 @contextlib.contextmanager
 def progress() -> Iterator[Report]:
-    """Report progress on standard error: a bar per stage on a terminal, elsewhere a line when a stage begins and at
-    every tenth of a long one."""
+    """Report progress on standard error: a bar per stage on a terminal, elsewhere a line when a stage begins, at every
+    tenth of a long one, and at a step that took long."""
     console = Console(stderr=True, highlight=False)
     columns = (
         TextColumn("{task.description:<24}"),
@@ -45,17 +49,20 @@ def progress() -> Iterator[Report]:
         TimeRemainingColumn(),
     )
     bars = Progress(*columns, console=console, disable=not console.is_terminal)
-    tasks, tenths = {}, {}
+    tasks, tenths, said = {}, {}, time.monotonic()
 
     def report(stage: str, done: int, total: int) -> None:
-        tenth = 10 * done // max(total, 1)
+        nonlocal said
+        tenth, line = 10 * done // max(total, 1), None
         if stage not in tasks:
             tasks[stage], tenths[stage] = bars.add_task(stage, total=total), tenth
-            if not console.is_terminal:
-                say(f"{stage} ...")
-        elif tenth > tenths[stage] and total >= 20 and not console.is_terminal:
+            line = f"{stage} ..."
+        elif (tenth > tenths[stage] and total >= 20) or time.monotonic() > said + _QUIET:
             tenths[stage] = tenth
-            say(f"{stage} {done} of {total}")
+            line = f"{stage} {done} of {total}"
+        if line and not console.is_terminal:
+            say(line)
+            said = time.monotonic()
         bars.update(tasks[stage], completed=done, total=total)
 
     with bars:

@@ -57,10 +57,10 @@ class ClipPlan:
 
 
 class SolvedClip(NamedTuple):
-    """Poses of a whole clip, and where feet stand in it."""
+    """Poses of a whole clip, and where feet stand in it; None where that was not looked for."""
 
     poses: Pose
-    contacts: list[Contact]
+    contacts: list[Contact] | None
 
 
 def solve_clip(
@@ -80,15 +80,15 @@ def solve_clip(
 
     Each step of Levenberg and Marquardt solves a system that joins no frames farther apart than three, and long clips
     are solved in windows that overlap, so that time grows linearly with the clip and memory does not. `poses` are
-    stacked along the first axis, `timestamps` are seconds.
+    stacked along the first axis, `timestamps` are seconds. Fewer than four frames stay as they are.
     """
     plan = ClipPlan() if plan is None else plan
     if len(timestamps) < 4:
-        return SolvedClip(poses, [])
+        return SolvedClip(poses, None)
     if confidence is None:
         confidence = np.ones((len(timestamps), len(skeleton.landmark_names)))
     solved = _in_windows(skeleton, poses, timestamps, confidence, plan, [])
-    contacts: list[Contact] = []
+    contacts: list[Contact] | None = None
     if plan.contacts:
         places = np.asarray(_landmarks(skeleton, solved))
         contacts = find_contacts(places, timestamps, skeleton, np.eye(3)["xyz".index(up)])

@@ -1,8 +1,10 @@
 """C3D: virtual markers for Mokka, Visual3D, MATLAB and the like."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxmocap.motion import Motion
 
@@ -13,6 +15,8 @@ RESIDUAL_AT_ZERO = 0.1
 not know their uncertainty."""
 _STEPS = 255
 """C3D stores a residual as a whole number of steps, at most 255."""
+_BLOCK, _SCALE_AT, _DATA_AT = 512, 12, 16
+"""Bytes: of a block of the file, and where its header has the scale and the number of the block of the first point."""
 _LOST = "; -1 where a joint has no confidence or the person is lost"
 _MOST_EVENTS = 255
 """The lengths of a C3D parameter are bytes."""
@@ -25,6 +29,8 @@ _EVENTS = {
 
 def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     """Write the joints and landmarks as virtual markers, and feet that begin or cease to stand as events.
+
+    Where contacts were not looked for there is no group `EVENT`; where no foot begins or ceases to stand it is empty.
 
     The residual is the standard deviation of a place along one axis, the root of the mean over the three, where the
     motion knows its uncertainty. A frame that is lost, and a joint without any confidence, is marked as C3D marks what
@@ -40,13 +46,14 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     else:
         step, metres = 0.002, deviations
         note = "residual = standard deviation of the place along one axis"
-    residuals = np.where(confidence > 0, form.per_metre * np.minimum(metres + step / 2, step * _STEPS), -1.0)
+    scale = -form.per_metre * step  # negative: places are floating-point
+    residuals = np.where(confidence > 0, np.minimum(np.floor(metres / step + 0.5), _STEPS), -1.0)
     file = ezc3d.c3d()
     point = file["parameters"]["POINT"]
     rate = form.frame_rate or 30.0
     point["RATE"]["value"] = [rate]
     point["UNITS"]["value"] = [form.units]
-    point["SCALE"]["value"] = [-form.per_metre * step]  # negative: places are floating-point
+    point["SCALE"]["value"] = [scale]
     point["LABELS"]["value"] = list(motion.joint_names)
     point["DESCRIPTIONS"]["value"] = [f"virtual marker, {note}{_LOST}"] * len(motion.joint_names)
     file.add_parameter("POINT", "X_SCREEN", ["+X"])
@@ -56,8 +63,10 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     places = np.ones((4, len(motion.joint_names), len(motion)))
     places[:3] = form.per_metre * motion.joints.astype(np.float64).transpose(2, 1, 0)
     file["data"]["points"] = places
-    file["data"]["meta_points"]["residuals"] = residuals.T[None]
+    file["data"]["meta_points"]["residuals"] = np.minimum(residuals, 0.0).T[None]
     events = _foot_events(motion)
+    if motion.contacts is not None and not events:
+        file.add_parameter("EVENT", "USED", [0])
     if len(events) > _MOST_EVENTS:
         last = events[_MOST_EVENTS - 1][0] / rate
         form.say(f"{form.name}: C3D holds {_MOST_EVENTS} foot events; those after {last:.2f} s are left out.")
@@ -65,12 +74,30 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
         icon, description = _EVENTS[label]
         file.add_event(divmod(position / rate, 60), foot, label, description, icon_id=icon)
     file.write(str(path))
+    _as_the_format_says(path, scale, residuals)
+
+
+def _as_the_format_says(path: Path, scale: float, residuals: Float[np.ndarray, "frame joint"]) -> None:
+    """Write what ezc3d writes in a way of its own: the scale into the header, and residuals into the points.
+
+    The header holds the scale of the parameters once more, where ezc3d has -1 whatever it is, and py-c3d refuses files
+    in which they differ. The fourth number of a point has the residual in its low byte, in steps of the scale, and the
+    cameras in its high one; ezc3d has them the other way round, which others read as cameras or as not seen.
+    """
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<f", content, _SCALE_AT, scale)
+    (block,) = struct.unpack_from("<H", content, _DATA_AT)
+    points = np.frombuffer(content, "<f4", 4 * residuals.size, _BLOCK * (block - 1))
+    points.reshape(*residuals.shape, 4)[..., 3] = residuals
+    path.write_bytes(content)
 
 
 def _foot_events(motion: Motion) -> list[tuple[int, str, str]]:
     """List position, foot and label; a foot that stands as the motion begins, or ends, has no event there."""
-    steps = np.diff(motion.foot_contact.astype(np.int8), axis=0)
     found = []
+    if motion.foot_contact is None:
+        return found
+    steps = np.diff(motion.foot_contact.astype(np.int8), axis=0)
     for foot, changes in zip(("Left", "Right"), steps.T, strict=True):
         found += [(int(position) + 1, foot, "Foot Strike") for position in np.flatnonzero(changes > 0)]
         found += [(int(position), foot, "Foot Off") for position in np.flatnonzero(changes < 0)]

@@ -36,6 +36,7 @@ def write_glb(motion: Motion, path: Path, form: ExportForm) -> None:
         clip.rotate(node, rig.rotations[:, joint])
         clip.move(node, content["nodes"][node], rig.translations[:, joint])
     _add_cameras(content, clip, motion)
+    contacts = motion.contacts
     note = {
         "units": "m",
         "up": "+y",
@@ -43,7 +44,7 @@ def write_glb(motion: Motion, path: Path, form: ExportForm) -> None:
         "start": float(motion.timestamps[0]),
         "frames": motion.frames.tolist(),
         "status": motion.status.tolist(),
-        "contacts": [contact._asdict() for contact in motion.contacts],
+        "contacts": None if contacts is None else [contact._asdict() for contact in contacts],
         "rig": "the actor's own" if rig.own else "jaxmocap",
         "mesh_off_by": rig.off,
     }

@@ -46,7 +46,7 @@ def columns(motion: Motion, form: ExportForm) -> dict[str, list[Any]]:
 
     These are `frame` (of the first camera's video, or counted from 0 if resampled), `seconds`, `status`; the pelvis'
     turn about the vertical axis (left), tilt forward and lean to its right, and the joint angles, in degrees from the
-    neutral body; per joint its place and confidence; of a motion with contacts, whether each foot stands, 1 or 0.
+    neutral body; per joint its place and confidence; where contacts were looked for, whether each foot stands, 1 or 0.
     """
     table: dict[str, list[Any]] = {
         "frame": motion.frames.tolist(),
@@ -63,7 +63,7 @@ def columns(motion: Motion, form: ExportForm) -> dict[str, list[Any]]:
         for axis, letter in enumerate("xyz"):
             table[f"{name}_{letter}_{form.units}"] = places[:, joint, axis].tolist()
         table[f"{name}_confidence"] = motion.confidence[:, joint].astype(np.float64).tolist()
-    if motion.contacts:
-        for side, stands in zip("lr", motion.foot_contact.T, strict=True):
+    if (foot_contact := motion.foot_contact) is not None:
+        for side, stands in zip("lr", foot_contact.T, strict=True):
             table[f"{side}_foot_contact"] = stands.astype(int).tolist()
     return table

@@ -86,7 +86,7 @@ def _provenance_at(motion: Motion, times: Float[np.ndarray, " time"]) -> dict[st
     """Count the spans of frames in the provenance in the new frames; what is left of none, and risks, are dropped."""
     counted = {}
     for name, speaks_of in _SPANS.items():
-        if name in motion.provenance:
+        if motion.provenance.get(name) is not None:
             spans = [_span_at(motion, span, times, speaks_of) for span in motion.provenance[name]]
             counted[name] = [span for span in spans if span is not None]
     kept = {name: value for name, value in motion.provenance.items() if name != "risks"}

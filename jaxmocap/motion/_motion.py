@@ -182,21 +182,29 @@ class Motion:
         return (self.status == "ok") & ~np.any([np.zeros(len(self), bool), *lost], axis=0)
 
     @property
-    def contacts(self) -> tuple[Contact, ...]:
-        """Where heels and toes stand, within this motion's frames; none where the clip was not solved as a whole.
+    def contacts(self) -> tuple[Contact, ...] | None:
+        """Where heels and toes stand, within this motion's frames; None where nobody looked for that.
 
-        A view of `provenance["contacts"]`.
+        Empty, they were looked for and none was found. A view of `provenance["contacts"]`.
         """
+        spans = self.provenance.get("contacts")
+        if spans is None:
+            return None
         found = []
-        for span in self.provenance.get("contacts") or []:
+        for span in spans:
             left = self.frames[(self.frames >= span["first"]) & (self.frames <= span["last"])]
             if len(left):
                 found.append(Contact(span["landmark"], int(left[0]), int(left[-1])))
         return tuple(found)
 
     @property
-    def foot_contact(self) -> Bool[np.ndarray, "frame foot"]:
-        """Whether the left and the right foot stand: each does while its heel or its toe does, by `contacts`."""
+    def foot_contact(self) -> Bool[np.ndarray, "frame foot"] | None:
+        """Whether the left and the right foot stand: each does while its heel or its toe does, by `contacts`.
+
+        None where nobody looked for contacts.
+        """
+        if self.contacts is None:
+            return None
         stands = np.zeros((len(self), 2), bool)
         for landmark, first, last in self.contacts:
             stands[(self.frames >= first) & (self.frames <= last), "lr".index(landmark[0])] = True

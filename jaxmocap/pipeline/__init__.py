@@ -9,7 +9,13 @@ from ._defaults import (
     with_selected_frames as with_selected_frames,
 )
 from ._detect import DETECTION_REPORT as DETECTION_REPORT, FoundKeypoints as FoundKeypoints, detect as detect
-from ._doctor import EXTRAS as EXTRAS, Diagnosis as Diagnosis, doctor as doctor, warm_up as warm_up
+from ._doctor import (
+    EXTRAS as EXTRAS,
+    WARMED as WARMED,
+    Diagnosis as Diagnosis,
+    doctor as doctor,
+    warm_up as warm_up,
+)
 from ._made_to_measure import MadeBody as MadeBody, character_of as character_of, no_actor as no_actor
 from ._register_and_learn import (
     Prepared as Prepared,

@@ -16,6 +16,7 @@ from av.codec import Codec
 from jaxmocap._runtime import cores, versions
 from jaxmocap.synthetic import make_capture, write_capture
 
+from ._detect import Report
 from ._self_test import SelfTest, self_test
 from ._track_capture import track_capture
 
@@ -40,6 +41,12 @@ EXTRAS = {
 _FRAMES, _SIZE = 6, (960, 540)
 """Of the film that is tracked ahead: until a frame brings no new program; what pictures are made to by default."""
 
+WARMED = (
+    "tracking two films of 960 x 540, the size that larger ones are made to, with keypoints and the quality normal; "
+    "other sizes, qualities or numbers of cameras, and a person who is wider than a picture is high, compile their own"
+)
+"""What `warm_up` covers, and what it does not."""
+
 
 _DECODERS = {"h264": "H.264", "hevc": "H.265 (HEVC)", "vp9": "VP9", "av1": "AV1", "libdav1d": "AV1", "mpeg4": "MPEG-4"}
 _ENCODER = "libx264"
@@ -51,7 +58,8 @@ class Diagnosis:
 
     `cache` has the `folder` of compiled programs (None where they are not kept), their `files` and `megabytes`, and
     whether it is `writable`. `extras` has a version, or None, per optional part. `tests` are those of the self-test,
-    empty where it was left out. `warmed` is how many seconds it took to compile what tracking runs, if that was asked.
+    empty where it was left out. `warmed` is how many seconds it took to compile what tracking runs (`WARMED`), if that
+    was asked.
     """
 
     versions: dict[str, str]
@@ -66,10 +74,13 @@ class Diagnosis:
     warmed: float | None = None
 
 
-def doctor(*, test: bool = True, warm: bool = False) -> Diagnosis:
+def doctor(*, test: bool = True, warm: bool = False, progress: Report | None = None) -> Diagnosis:
     """Examine this installation; a self-test of about ten seconds belongs to it, a minute the first time, when its
     programs are compiled. With `warm` what tracking runs is compiled too, for some minutes, so that the first film need
-    not (`warm_up`). Nothing is raised for what is wrong: `problems` says it."""
+    not (`warm_up`). `progress(stage, done, total)` hears how far that is. Nothing is raised for what is wrong:
+    `problems` says it."""
+    tests = self_test(progress) if test else []
+    warmed = warm_up(progress=progress) if warm else None
     found = versions(PACKAGES)
     devices = [_device(device) for device in jax.devices()]
     cache = cache_state()
@@ -77,7 +88,6 @@ def doctor(*, test: bool = True, warm: bool = False) -> Diagnosis:
     for name, label in _DECODERS.items():
         decoders[label] = decoders.get(label, False) or _has_codec(name, "r")
     encodes = _has_codec(_ENCODER, "w")
-    tests = self_test() if test else []
     problems = [f"{name} is not installed; install jaxmocap again" for name in _missing(found)]
     problems += _unmet(found)
     if cache["folder"] is None:
@@ -108,21 +118,25 @@ def doctor(*, test: bool = True, warm: bool = False) -> Diagnosis:
         extras={name: _version(package) for name, (package, _) in EXTRAS.items()},
         tests=tests,
         problems=problems,
-        warmed=warm_up() if warm else None,
+        warmed=warmed,
     )
 
 
-def warm_up(num_cameras: int = 2) -> float:
+def warm_up(num_cameras: int = 2, progress: Report | None = None) -> float:
     """Compile what tracking `num_cameras` films runs, and keep it; return the seconds that took.
 
     A synthetic capture is tracked with keypoints, as `run` does. Another capture then finds nearly all its programs, as
     long as it is as large, the person fills no more than its shorter side, and the mesh has about as many faces as the
-    built-in body.
+    built-in body. `progress(stage, done, total)` hears of the stages: most time goes into the first frames of "track".
     """
     begin = time.perf_counter()
+    tell = progress or (lambda stage, done, total: None)
     with tempfile.TemporaryDirectory() as name:
+        tell("film to compile with", 0, 1)
         film = write_capture(make_capture(_FRAMES, _SIZE, num_cameras), Path(name) / "film")
-        track_capture(film, Path(name) / "result", detections=film / "keypoints", overlays=False, cache=False)
+        tell("film to compile with", 1, 1)
+        result, keypoints = Path(name) / "result", film / "keypoints"
+        track_capture(film, result, detections=keypoints, overlays=False, cache=False, progress=progress)
     return time.perf_counter() - begin
 
 

@@ -29,6 +29,8 @@ from jaxmocap.samplers import CrossEntropy, run as run_search
 from jaxmocap.synthetic import make_capture
 from jaxmocap.viewers import write_overlay_video
 
+from ._detect import Report
+
 _SIZE = (192, 108)
 _OFF = 0.06  # metres sideways, from where the gradient is taken and the search begins
 _WINDOWS = 4096
@@ -46,9 +48,9 @@ class SelfTest:
     seconds: float
 
 
-def self_test() -> list[SelfTest]:
+def self_test(progress: Report | None = None) -> list[SelfTest]:
     """Film a body with two cameras; draw it, score it, differentiate the score, search for it, and write and read a
-    video. A step that raises has failed, and the others still run."""
+    video. A step that raises has failed, and the others still run. `progress` hears of "self-test"."""
     world = _World()
     steps = {
         "render": world.render,
@@ -57,7 +59,13 @@ def self_test() -> list[SelfTest]:
         "search": world.search,
         "video": world.video,
     }
-    return [_timed(name, step) for name, step in steps.items()]
+    tell = progress or (lambda stage, done, total: None)
+    tell("self-test", 0, len(steps))
+    done = []
+    for name, step in steps.items():
+        done.append(_timed(name, step))
+        tell("self-test", len(done), len(steps))
+    return done
 
 
 def _timed(name: str, step: Callable[[], tuple[bool, str]]) -> SelfTest:

@@ -120,7 +120,8 @@ def motion_of(
 ) -> Motion:
     """Judge tracked frames, solve them as a clip if there is a plan for it, and record them as a motion.
 
-    `provenance["contacts"]` lists where heels and toes stand, if the clip was solved; `Motion.contacts` reads it.
+    `provenance["contacts"]` lists where heels and toes stand, if the clip was solved, or is None if that was not looked
+    for; `Motion.contacts` reads it.
     `provenance["doubts"]` lists the frames that are not to be trusted and why, `provenance["lost"]` the spans in which
     a part is lost, whose landmarks have no confidence, and `provenance["outlier_cameras"]` those in which a camera
     shows the body elsewhere than the others, by which alone these frames are judged; all in frames of the first video
@@ -139,7 +140,7 @@ def motion_of(
     clip_record = {}
     if clip is not None:
         poses, contacts = solve_clip(character.skeleton, poses, moments, judged.confidence, capture.up, clip)
-        clip_record["contacts"] = [
+        clip_record["contacts"] = contacts and [
             Contact(name, int(numbers[positions[first]]), int(numbers[positions[last]]))._asdict()
             for name, first, last in contacts
         ]

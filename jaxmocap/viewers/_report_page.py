@@ -86,9 +86,10 @@ def _pictures(folder: Path, motion: Motion, capture: Capture | None) -> tuple[Re
         return none, str(error).rstrip(".")
 
 
-def _item(kind: str, text: str, frames: list[int]) -> str:
+def _item(kind: str, text: str, frames: list[int], entry: str) -> str:
+    more = f' <span class="hint">In the guide: {html.escape(entry)}.</span>' if entry else ""
     buttons = "".join(f' <button type="button" data-frame="{frame}">{frame}</button>' for frame in frames)
-    return f'<li class="{kind.replace(" ", "-")}"><span>{html.escape(text)}</span>{buttons}</li>'
+    return f'<li class="{kind.replace(" ", "-")}"><span>{html.escape(text)}</span>{more}{buttons}</li>'
 
 
 def _asset(name: str) -> str:

@@ -11,8 +11,11 @@ from jaxmocap.camera import ranges
 from jaxmocap.character import angles_at_rest
 from jaxmocap.metrics import JOINTS, accelerations, foot_skate, jitter
 from jaxmocap.motion import Motion
+from jaxmocap.verdict import GUIDE_ENTRIES
 
 PASSED_OVER = "passed over"
+FLASH_ENTRY, MASK_ENTRY = "A flash lights the picture", "A mask is doubtful"
+"""Headings of the guide for what is no reason of a verdict on a tracked frame."""
 _AT_LIMIT = np.radians(1.0)
 _DOUBTFUL_MASK = 0.5
 _LOOK_FIRST = 3
@@ -51,7 +54,10 @@ def headline(motion: Motion) -> str:
 
 
 def findings(motion: Motion) -> list[dict[str, Any]]:
-    """List what to know before the result is used, the worst first: {kind, text, frames}, frames to look at."""
+    """List what to know before the result is used, the worst first: {kind, text, frames, entry}.
+
+    `frames` are those to look at; `entry` is the heading under which the guide explains it, "" where it has none.
+    """
     verdicts, spans = np.array(frame_verdicts(motion)), motion.provenance.get("lost") or []
     found = []
     reasons = sorted({span["why"] for span in spans if span["part"] == "body"})
@@ -62,15 +68,18 @@ def findings(motion: Motion) -> list[dict[str, Any]]:
         frames = motion.frames[verdicts == kind].tolist()
         if frames and kind == "doubtful" and doubts:
             for why, listed in doubts.items():
-                found.append(_finding(kind, f"Doubtful: {_frames(sorted(set(listed)))}: {why}.", _starts(listed)))
+                text = f"Doubtful: {_frames(sorted(set(listed)))}: {why}."
+                found.append(_finding(kind, text, _starts(listed), GUIDE_ENTRIES.get(why, "")))
         elif frames:
             why = "; ".join(reasons) if kind == "lost" and reasons else _WHY[kind]
-            found.append(_finding(kind, f"{kind.capitalize()}: {_frames(frames)}: {why}.", _starts(frames)))
+            entry = FLASH_ENTRY if kind == PASSED_OVER else GUIDE_ENTRIES.get(why, "")
+            found.append(_finding(kind, f"{kind.capitalize()}: {_frames(frames)}: {why}.", _starts(frames), entry))
     limbs: dict[tuple[str, str], list[int]] = {}
     for span in _limb_spans(motion):
         limbs.setdefault((span["part"], span["why"]), []).extend(range(span["first"], span["last"] + 1))
     for (part, why), frames in limbs.items():
-        found.append(_finding("lost", f"The {part} is lost in {_frames(frames)}: {why}.", _starts(frames)))
+        text = f"The {part} is lost in {_frames(frames)}: {why}."
+        found.append(_finding("lost", text, _starts(frames), GUIDE_ENTRIES.get(why, "")))
     found += _outlier_cameras(motion) + _doubtful_masks(motion)
     if motion.energy:
         first = motion.frames[_least_sure(motion, verdicts != PASSED_OVER)].tolist()
@@ -151,7 +160,10 @@ def _outlier_cameras(motion: Motion) -> list[dict[str, Any]]:
         frames.setdefault((span["camera"], span["why"]), []).extend(range(span["first"], span["last"] + 1))
     return [
         _finding(
-            "doubtful", f"Camera {camera} is left out of the verdict in {_frames(listed)}: {why}.", _starts(listed)
+            "doubtful",
+            f"Camera {camera} is left out of the verdict in {_frames(listed)}: {why}.",
+            _starts(listed),
+            GUIDE_ENTRIES.get(why, ""),
         )
         for (camera, why), listed in frames.items()
     ]
@@ -164,7 +176,7 @@ def _doubtful_masks(motion: Motion) -> list[dict[str, Any]]:
             if mask.get("confidence", 1.0) < _DOUBTFUL_MASK:
                 text = f"The mask of {camera} at selected frame {frame} was found with confidence "
                 text += f"{mask['confidence']:.2f}: look at it, for colours are learnt there."
-                found.append(_finding("doubtful", text, [frame]))
+                found.append(_finding("doubtful", text, [frame], MASK_ENTRY))
     return found
 
 
@@ -181,10 +193,10 @@ def _uncertainty(motion: Motion) -> dict[str, Any] | None:
 
 
 def _foot_contact(motion: Motion) -> dict[str, list[int]] | None:
-    """Tell of every frame whether a foot stands, 1 or 0; None where no contact was found."""
-    if not motion.contacts:
+    """Tell of every frame whether a foot stands, 1 or 0; None where contacts were not looked for."""
+    if (stands := motion.foot_contact) is None:
         return None
-    return dict(zip(("left", "right"), motion.foot_contact.T.astype(int).tolist(), strict=True))
+    return dict(zip(("left", "right"), stands.T.astype(int).tolist(), strict=True))
 
 
 def _angles(motion: Motion) -> list[dict[str, Any]]:
@@ -249,8 +261,8 @@ def _tables(motion: Motion) -> list[dict[str, Any]]:
     return [{"title": title, "rows": [[str(a), str(b)] for a, b in rows]} for title, rows in tables if rows]
 
 
-def _finding(kind: str, text: str, frames: Sequence[int]) -> dict[str, Any]:
-    return {"kind": kind, "text": text, "frames": list(frames)}
+def _finding(kind: str, text: str, frames: Sequence[int], entry: str = "") -> dict[str, Any]:
+    return {"kind": kind, "text": text, "frames": list(frames), "entry": entry}
 
 
 def _frames(frames: Sequence[int]) -> str:

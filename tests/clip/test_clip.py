@@ -119,6 +119,8 @@ def test_feet_that_stand_are_found_and_stay(skeleton):
     solved = solve_clip(skeleton, found, time)
     assert {contact.landmark for contact in solved.contacts} == {"l_heel", "l_toe", "r_heel", "r_toe"}
     sliding = solve_clip(skeleton, found, time, plan=ClipPlan(contacts=False))
+    assert sliding.contacts is None  # they were not looked for
+    assert solve_clip(skeleton, poses_of(skeleton, vectors[:3]), time[:3]).contacts is None  # too few frames
     for name, first, last in solved.contacts:
         point, interval = skeleton.landmark_names.index(name), slice(first, last + 1)
         paths = [places_of(skeleton, clip.poses)[interval, point] for clip in (solved, sliding)]

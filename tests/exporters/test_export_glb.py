@@ -83,7 +83,9 @@ def test_contacts_are_in_the_extras_of_the_animation(opened, motion, tmp_path):
     note = content["animations"][0]["extras"]["jaxmocap"]
     assert note["frames"][0] == 9
     assert note["contacts"] == [{"landmark": "l_heel", "first": 9, "last": 10}]
-    assert opened.animation.extras["jaxmocap"]["contacts"] == []
+    content, _ = unpack(export(standing[5:], tmp_path / "walking.glb"))
+    assert content["animations"][0]["extras"]["jaxmocap"]["contacts"] == []
+    assert opened.animation.extras["jaxmocap"]["contacts"] is None  # they were not looked for
 
 
 def test_a_world_with_z_up_is_laid_down(motion, tmp_path):

@@ -1,6 +1,7 @@
 """C3D, TRC, MOT, CSV, Parquet and COLMAP exports, read back by others or as plain tables."""
 
 import csv
+import struct
 from dataclasses import replace
 
 import ezc3d
@@ -23,9 +24,20 @@ def in_contact(motion: Motion) -> Motion:
     return replace(motion, provenance={**motion.provenance, "contacts": contacts})
 
 
+def residuals_of(path) -> np.ndarray:
+    """Residuals as the format defines them, by frame and joint: the low byte of each point's fourth number; -1 if that
+    is negative. ezc3d 1.7 looks for them in the high byte."""
+    point = ezc3d.c3d(str(path))["parameters"]["POINT"]
+    content, shape = path.read_bytes(), (*point["FRAMES"]["value"], *point["USED"]["value"], 4)
+    (block,) = struct.unpack_from("<H", content, 16)
+    words = np.frombuffer(content, "<f4", int(np.prod(shape)), 512 * (block - 1)).reshape(shape)[..., 3].astype(int)
+    return np.where(words < 0, -1.0, (words & 0xFF) * -point["SCALE"]["value"][0])
+
+
 def test_c3d_holds_the_joints_in_millimetres_and_residuals_that_say_how_sure(even, tmp_path):
     status = np.array(["ok"] * 11 + ["lost"])
-    file = ezc3d.c3d(str(export(replace(even, status=status), tmp_path / "dance.c3d")))
+    path = export(replace(even, status=status), tmp_path / "dance.c3d")
+    file = ezc3d.c3d(str(path))
     point = file["parameters"]["POINT"]
     assert point["UNITS"]["value"] == ["mm"]
     assert (point["X_SCREEN"]["value"], point["Y_SCREEN"]["value"]) == (["+X"], ["+Y"])
@@ -34,7 +46,7 @@ def test_c3d_holds_the_joints_in_millimetres_and_residuals_that_say_how_sure(eve
     found = file["data"]["points"][:3].transpose(2, 1, 0) / 1000
     np.testing.assert_allclose(found[:11], even.joints[:11], atol=1e-5)
     assert np.isnan(found[11]).all()
-    residuals = file["data"]["meta_points"]["residuals"][0].T
+    residuals = residuals_of(path)
     np.testing.assert_allclose(residuals[:11], 100 * (1 - even.confidence[:11]), atol=0.5)
     assert (residuals[11] == -1).all()
 
@@ -44,11 +56,11 @@ def test_c3d_residuals_are_the_uncertainty_where_it_is_known(even, tmp_path):
     deviations = np.linspace(0.01, 0.06, len(even))[:, None] * np.ones(len(even.joint_names))
     deviations[0, 0] = 3.0
     covariance = deviations[..., None, None] ** 2 * np.diag([0.5, 1.0, 1.5])
-    file = ezc3d.c3d(str(export(replace(even, covariance=covariance), tmp_path / "dance.c3d")))
-    residuals = file["data"]["meta_points"]["residuals"][0].T
+    path = export(replace(even, covariance=covariance), tmp_path / "dance.c3d")
+    residuals = residuals_of(path)
     np.testing.assert_allclose(residuals[1:], 1000 * deviations[1:], atol=1.01)
     assert residuals[0, 0] == pytest.approx(510, abs=1)
-    assert "standard deviation" in file["parameters"]["JAXMOCAP"]["RESIDUALS"]["value"][0]
+    assert "standard deviation" in ezc3d.c3d(str(path))["parameters"]["JAXMOCAP"]["RESIDUALS"]["value"][0]
 
 
 def events_of(path) -> list[tuple[float, str, str]]:
@@ -71,7 +83,12 @@ def test_c3d_has_a_strike_and_an_off_of_every_foot_that_stands(even, tmp_path):
     ]
     finer = events_of(export(standing[3:], tmp_path / "part.c3d", frame_rate=60))
     assert finer == [(0.1, "Left", "Foot Off"), (0.2, "Right", "Foot Strike")]
-    assert "EVENT" not in ezc3d.c3d(str(export(even, tmp_path / "none.c3d")))["parameters"]
+
+
+def test_c3d_claims_nothing_of_contacts_that_were_not_looked_for(even, tmp_path):
+    assert "EVENT" not in ezc3d.c3d(str(export(even, tmp_path / "not_looked_for.c3d")))["parameters"]
+    none = replace(even, provenance={**even.provenance, "contacts": []})
+    assert ezc3d.c3d(str(export(none, tmp_path / "none.c3d")))["parameters"]["EVENT"]["USED"]["value"] == [0]
 
 
 def test_c3d_holds_as_many_events_as_it_can_and_says_so(even, tmp_path):
@@ -86,6 +103,33 @@ def test_c3d_holds_as_many_events_as_it_can_and_says_so(even, tmp_path):
     assert found[-1] == (round(spans[-1]["first"] / 10, 4), "Left", "Foot Strike")
     assert found[-1][0] > 60
     assert f"255 foot events; those after {found[-1][0]:.2f} s" in said[0]
+
+
+@pytest.mark.parametrize(("units", "per_metre"), [("mm", 1000), ("m", 1)])
+@pytest.mark.parametrize("known", [False, True])
+def test_c3d_has_one_scale_and_the_same_markers_for_every_reader(even, tmp_path, units, per_metre, known):
+    """The scale stands in the header and in POINT:SCALE; py-c3d refuses files in which they differ."""
+    status = np.array(["ok"] * 11 + ["lost"])
+    covariance = np.zeros((*even.joints.shape, 3)) + 0.16 * np.eye(3) if known else None
+    path = export(replace(even, status=status, covariance=covariance), tmp_path / "dance.c3d", units=units)
+    file, content = ezc3d.c3d(str(path)), path.read_bytes()
+    (scale,) = file["parameters"]["POINT"]["SCALE"]["value"]
+    assert struct.unpack_from("<f", content, 12) == (np.float32(scale),)
+    assert scale == pytest.approx(-per_metre * (0.002 if known else 0.0005))
+    expected = per_metre * even.joints[:11]
+    places = file["data"]["points"][:3].transpose(2, 1, 0)
+    np.testing.assert_allclose(places[:11], expected, atol=1e-5 * per_metre)
+    c3d = pytest.importorskip("c3d", reason="py-c3d is not installed")
+    with path.open("rb") as handle:
+        with pytest.warns(UserWarning, match="No analog data"):
+            reader = c3d.Reader(handle)
+        theirs = np.stack([points for _, points, _ in reader.read_frames()])
+    assert [label.strip() for label in reader.point_labels] == list(even.joint_names)
+    assert reader.get("POINT.UNITS").string_value.strip() == units
+    np.testing.assert_allclose(theirs[:11, :, :3], expected, atol=1e-5 * per_metre)
+    np.testing.assert_allclose(theirs[..., 3], residuals_of(path), rtol=1e-5)
+    assert (theirs[11, :, 3] == -1).all()
+    assert (theirs[:11, :, 4] == 0).all()  # no camera is claimed to have seen a virtual marker
 
 
 def test_c3d_says_which_way_is_up(even, tmp_path):
@@ -173,7 +217,10 @@ def test_csv_tells_in_which_frames_a_foot_stands(even, tmp_path):
         rows = list(csv.DictReader(file))
     assert "".join(row["l_foot_contact"] for row in rows) == "001111100000"
     assert "".join(row["r_foot_contact"] for row in rows) == "111000000111"
-    with export(even, tmp_path / "none.csv").open() as file:
+    none = replace(even, provenance={**even.provenance, "contacts": []})
+    with export(none, tmp_path / "none_found.csv").open() as file:
+        assert {row["l_foot_contact"] + row["r_foot_contact"] for row in csv.DictReader(file)} == {"00"}
+    with export(even, tmp_path / "not_looked_for.csv").open() as file:
         assert set(rows[0]) - set(next(csv.reader(file))) == {"l_foot_contact", "r_foot_contact"}
 
 

@@ -156,8 +156,22 @@ def test_contacts_are_those_of_the_frames_that_are_left(motion, tmp_path):
     assert kept.foot_contact.T.tolist() == [[0, 1, 1, 1, 1, 0], [0, 0, 0, 0, 0, 1]]
     assert standing[2:5].contacts == (("l_heel", 2, 3), ("l_toe", 3, 4))
     assert standing[[0, 2, 4]].contacts == (("l_heel", 2, 2), ("l_toe", 4, 4))
-    assert standing[:1].contacts == motion.contacts == ()
-    assert not motion.foot_contact.any()
+    assert standing[:1].contacts == ()
+    assert not standing[:1].foot_contact.any()
+
+
+def test_contacts_that_were_not_looked_for_are_not_none_found(motion, tmp_path):
+    """Nor are those of results written before contacts were known, whose provenance lacks them."""
+    none_found, not_looked_for = (replace(motion, provenance={"contacts": told}, cameras=None) for told in ([], None))
+    times = motion.timestamps[0] + np.arange(11) / 60
+    older = replace(motion, cameras=None)
+    for name, one in {"found": none_found, "looked for": not_looked_for, "older": older}.items():
+        kept = Motion.load(one.save(tmp_path / name))
+        for each in (one, kept, kept[1:3], at_times(kept, times)):
+            assert each.contacts == (() if one is none_found else None)
+            assert (each.foot_contact is None) == (one is not none_found)
+    assert not none_found.foot_contact.any()
+    assert json.loads((tmp_path / "looked for" / "report.json").read_text())["provenance"]["contacts"] is None
 
 
 def test_contacts_at_other_times_begin_and_end_when_they_did(motion):

@@ -9,13 +9,16 @@ import pytest
 
 from jaxmocap._cli import run
 from jaxmocap.pipeline import Diagnosis, _doctor, _self_test, doctor
-from jaxmocap.pipeline._doctor import cache_state
+from jaxmocap.pipeline._doctor import WARMED, cache_state
 from jaxmocap.pipeline._self_test import SelfTest, self_test
 
 
 @pytest.fixture(scope="module")
 def tests() -> list[SelfTest]:
-    return self_test()
+    heard = []
+    done = self_test(lambda *told: heard.append(told))
+    assert heard == [("self-test", number, 5) for number in range(6)]
+    return done
 
 
 def test_every_step_of_the_self_test_finds_the_known_answer(tests):
@@ -52,6 +55,29 @@ def test_a_sound_installation_has_no_problems(monkeypatch):
     assert ["compiled programs cannot be kept" in problem for problem in doctor(test=False).problems] == [True]
     monkeypatch.setattr(_doctor, "cache_state", lambda: kept | {"folder": None, "writable": False})
     assert ["call jm.configure()" in problem for problem in doctor(test=False).problems] == [True]
+
+
+def test_what_is_compiled_ahead_tells_how_far_it_is_and_counts_in_the_cache(monkeypatch):
+    """The stages are those of the tracked film; the cache is looked at when all is compiled."""
+    order = []
+
+    def track(film, out, *, progress, **others):
+        progress("track", 0, 6)
+        order.append("compiled")
+
+    def state():
+        order.append("counted")
+        return {"folder": "/", "files": 0, "megabytes": 0.0, "writable": True}
+
+    monkeypatch.setattr(_doctor, "make_capture", lambda *size: size)
+    monkeypatch.setattr(_doctor, "write_capture", lambda capture, folder: folder)
+    monkeypatch.setattr(_doctor, "track_capture", track)
+    monkeypatch.setattr(_doctor, "cache_state", state)
+    heard = []
+    found = doctor(test=False, warm=True, progress=lambda *told: heard.append(told))
+    assert heard == [("film to compile with", 0, 1), ("film to compile with", 1, 1), ("track", 0, 6)]
+    assert order == ["compiled", "counted"]
+    assert 0 <= found.warmed < 60
 
 
 def test_the_cache_is_counted(monkeypatch, tmp_path):
@@ -99,17 +125,20 @@ def diagnosis(**changes) -> Diagnosis:
 
 
 def test_the_command_tells_everything_and_exits_with_1_if_something_is_wrong(monkeypatch, capsys):
-    monkeypatch.setattr("jaxmocap.pipeline.doctor", lambda test, warm: diagnosis(warmed=83.0 if warm else None))
+    monkeypatch.setattr(
+        "jaxmocap.pipeline.doctor", lambda test, warm, progress: diagnosis(warmed=83.0 if warm else None)
+    )
     assert run(["doctor"]) == 0
     out = capsys.readouterr().out
     assert "All is well." in out
     assert "VP9" not in out
     assert "compiled ahead" not in out
     assert run(["doctor", "--warm"]) == 0
-    assert "in 83 s" in capsys.readouterr().out
+    warmed = capsys.readouterr().out.replace("\u2502", " ").split()
+    assert f"in 83 s: {WARMED}" in " ".join(warmed)
     assert "jaxmocap[usd]" in out.replace("\n", "")
     wrong = diagnosis(tests=[SelfTest("search", False, "found nothing", 2.0)], problems=["the self-test failed"])
-    monkeypatch.setattr("jaxmocap.pipeline.doctor", lambda test, warm: wrong)
+    monkeypatch.setattr("jaxmocap.pipeline.doctor", lambda test, warm, progress: wrong)
     assert run(["doctor", "--json"]) == 1
     out, err = capsys.readouterr()
     assert json.loads(out)["tests"][0]["said"] == "found nothing"

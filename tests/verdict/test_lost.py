@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from perturbed import arm_away, moved, vertex_errors
 
+from jaxmocap.clip import ClipPlan
 from jaxmocap.energies import search_energy
 from jaxmocap.search import Effort, SearchPlan
 from jaxmocap.track import FrameTracker, Tracker
@@ -85,6 +86,13 @@ def test_spans_of_a_motion_count_as_its_frames_do(world, true_results):
     assert motion.frames.tolist() == [4, 5, 6]
     assert [(span["first"], span["last"]) for span in motion.provenance["lost"]] == [(5, 5)]
     assert (motion.confidence.min(axis=1) == 0).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(("plan", "told"), [(None, {}), (ClipPlan(contacts=False), {"contacts": None})])
+def test_a_motion_claims_no_contacts_that_were_not_looked_for(world, true_results, plan, told):
+    motion = motion_of(world.observations(), true_results, clip=plan)
+    assert {name: value for name, value in motion.provenance.items() if name == "contacts"} == told
+    assert motion.contacts is None
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from jaxmocap.capture import Capture
 from jaxmocap.character import angles_at_rest
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_capture, write_capture
+from jaxmocap.verdict._doubts import APART
 from jaxmocap.viewers import report_page, write_overlay_video
 from jaxmocap.viewers._report_pictures import report_pictures
 from jaxmocap.viewers._report_record import findings, frame_verdicts, headline
@@ -125,6 +126,19 @@ def test_findings_name_frames_and_reasons_the_worst_first():
     assert told[3] == ("lost", "The left arm is lost in frames 1-2: no view shows it.", [1])
     assert 9 in told[4][2]
     assert 6 not in told[4][2]  # it was not looked at, so there is nothing to see
+
+
+def test_the_page_names_the_entry_of_the_guide_beside_a_finding(tmp_path):
+    """Words of an older version that the guide no longer explains stand alone."""
+    limb = {"part": "left arm", "first": 1, "last": 2, "why": "no view shows it"}
+    body = {"part": "body", "first": 9, "last": 9, "why": "the moon is full"}
+    doubt = {"first": 4, "last": 5, "why": APART}
+    motion = judged(provenance={"lost": [limb, body], "doubts": [doubt]})
+    text = Parsed(report_page(motion.save(tmp_path / "result")).read_text()).text
+    assert f"frames 4-5: {APART}. In the guide: The views disagree." in text
+    assert "frames 1-2: no view shows it. In the guide: No view shows a limb." in text
+    assert text.count("In the guide: ") == 3
+    assert "In the guide: A flash lights the picture." in text
 
 
 def test_doubtful_frames_are_told_with_their_reasons():
@@ -241,7 +255,9 @@ def test_the_page_knows_in_which_frames_a_foot_stands(tmp_path):
     motion = judged(provenance={"lost": [], "contacts": contacts})
     contact = data_of(report_page(motion.save(tmp_path / "result")))["skate"]["contact"]
     assert contact == {"left": [0, 0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0], "right": [0] * 9 + [1] * 3}
-    assert data_of(report_page(judged().save(tmp_path / "none")))["skate"]["contact"] is None
+    none = data_of(report_page(judged(provenance={"lost": [], "contacts": []}).save(tmp_path / "none")))
+    assert none["skate"]["contact"] == {"left": [0] * 12, "right": [0] * 12}
+    assert data_of(report_page(judged().save(tmp_path / "not looked for")))["skate"]["contact"] is None
 
 
 def test_timings_are_summed_by_stage_and_by_frame(result):

@@ -76,7 +76,10 @@ showEnergies();
 showAngles();
 const sides = ["left", "right"].map((name) => ({ name, values: data.skate[name], bars: data.skate.contact?.[name] }));
 chart(host("skate"), { series: sides });
-host("skate-bars").hidden = !data.skate.contact;
+const contact = data.skate.contact;
+host("skate-bars").textContent = !contact ? "Whether feet stand was not looked for."
+  : Object.values(contact).flat().includes(1) ? "Bars: its heel or toe was found to stand, and was held."
+    : "No heel or toe was found to stand.";
 host("skate-summary").textContent = words(data.skate.summary, "m/s");
 chart(host("jitter"), { series: [{ name: "mean over joints", values: data.jitter.values }] });
 host("jitter-summary").textContent = words(data.jitter.summary, "m/s\u00b2");
