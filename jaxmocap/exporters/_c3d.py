@@ -20,6 +20,8 @@ _BLOCK, _SCALE_AT, _DATA_AT = 512, 12, 16
 _LOST = "; -1 where a joint has no confidence or the person is lost"
 _MOST_EVENTS = 255
 """The lengths of a C3D parameter are bytes."""
+_INTEGER = 2
+"""Bytes of a whole number, by which C3D says that a parameter is one."""
 _EVENTS = {
     "Foot Strike": (1, "the first frame in which the heel or the toe stands"),
     "Foot Off": (2, "the last frame in which the heel or the toe stands"),
@@ -67,6 +69,7 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     events = _foot_events(motion)
     if motion.contacts is not None and not events:
         file.add_parameter("EVENT", "USED", [0])
+        file["parameters"]["EVENT"]["USED"]["type"] = _INTEGER
     if len(events) > _MOST_EVENTS:
         last = events[_MOST_EVENTS - 1][0] / rate
         form.say(f"{form.name}: C3D holds {_MOST_EVENTS} foot events; those after {last:.2f} s are left out.")
