@@ -86,6 +86,8 @@ class ModelView(AbstractTerm):
                 seen = self._covered(frame, camera, face, cut(frame.labels), cut(frame.image), behind)
                 return jnp.where(covered, seen, self._uncovered(behind))
 
+            if drawn.driver == "scatter":  # a loop would be as long as that of the particle which changes most
+                return cost(jnp.int32(0), jnp.int32(0), frame.size).sum()
             return sum_over_blocks(drawn.dirty[camera], frame.size, prepared[camera], cost)
 
         cost = jax.lax.map(view, jnp.arange(frame.num_cameras))

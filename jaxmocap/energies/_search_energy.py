@@ -147,15 +147,16 @@ def _score(
 
         def view(keys: Array, seen: tuple[Array, Array]) -> tuple[Array, tuple[Array, ...]]:
             camera, band = seen
-            keys = put_back(keys, below, band, camera * height)
+            if driver == "loop":
+                keys = put_back(keys, below, band, camera * height)
             listed, places = part_windows(group, posed, camera, capacity, driver)
             keys = draw(keys, listed, group.layout, camera * height, driver)
             band = touched_rows(places, height)
-            dirty = dirty_tiles(keys, below, size, band, camera * height)
+            dirty = dirty_tiles(keys, below, size, band if driver == "loop" else None, camera * height)
             return keys, (band, dirty, pixels_outside(places, size), listed.needed)
 
         keys, (bands, dirty, outside, needed) = lax.scan(view, before.keys, (jnp.arange(num_cameras), before.bands))
-        drawn = Drawn(pose, keys.reshape(base.buffers.shape), dirty, outside)
+        drawn = Drawn(pose, keys.reshape(base.buffers.shape), dirty, outside, driver)
         pairs = zip(energy.terms, base.prepared, strict=True)
         return _Canvas(keys, bands), (jnp.stack([term.score(own, drawn, group) for term, own in pairs]), needed.max())
 

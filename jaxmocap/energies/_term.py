@@ -8,19 +8,21 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap.character import Character, Pose, Skeleton
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import SoftFaces, SoftSettings
+from jaxmocap.render import Driver, SoftFaces, SoftSettings
 
 from ._body import GroupProblem
 
 
 class Drawn(NamedTuple):
     """One particle: its pose, the key buffers with the part drawn in, the tiles in which that changed a key, and the
-    mesh pixels per view that lie outside the rectangle."""
+    mesh pixels per view that lie outside the rectangle. With the `driver` "loop" it is scored alone, with "scatter" at
+    once with all others."""
 
     pose: Pose
     buffers: Int[Array, "camera padded_height padded_width"]
     dirty: Bool[Array, "camera down across"]
     outside: Float[Array, "camera"]
+    driver: Driver
 
 
 class SoftDrawn(NamedTuple):

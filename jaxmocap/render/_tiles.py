@@ -52,16 +52,23 @@ def dirty_tiles(
     keys: Int[Array, "row padded_width 1"],
     below: Int[Array, "row padded_width 1"],
     size: tuple[int, int],
-    band: Int[Array, "2"],
+    band: Int[Array, "2"] | None = None,
     first_row: int | Array = 0,
 ) -> Bool[Array, "down across"]:
     """Mark the tiles in which a key differs from the one `below`, for a picture of this size whose buffer begins at
-    `first_row` and differs in a band of rows, in eights, only."""
+    `first_row`. With a band of rows, in eights, only these are looked at, one after the other."""
     down, across = (-(-extent // WINDOW) for extent in size)
 
+    def changes(number: int | Array, count: int) -> Array:
+        """Compare so many rows of tiles from one on."""
+        corner, extent = (first_row + WINDOW * (number + 1), WINDOW, 0), (WINDOW * count, WINDOW * across, 1)
+        return lax.dynamic_slice(keys, corner, extent) ^ lax.dynamic_slice(below, corner, extent)
+
+    if band is None:
+        return (changes(0, down).reshape(down, WINDOW, across, WINDOW) != 0).any((1, 3))
+
     def row(number: Array, dirty: Array) -> Array:
-        corner, extent = (first_row + WINDOW * (number + 1), WINDOW, 0), (WINDOW, WINDOW * across, 1)
-        changed = lax.dynamic_slice(keys, corner, extent) ^ lax.dynamic_slice(below, corner, extent)
+        changed = changes(number, 1)
         any_row = reduce(jnp.bitwise_or, [changed[row, :, 0] for row in range(WINDOW)])  # vectorised, unlike `any`
         return lax.dynamic_update_slice(dirty, (any_row.reshape(across, WINDOW) != 0).any(1)[None], (number, 0))
 

@@ -71,6 +71,7 @@ def test_changed_tiles_are_those_with_another_key(height, width, first, end):
     expected = padded.reshape(padded.shape[0] // WINDOW, WINDOW, -1, WINDOW).any((1, 3))
     band, size, start = touched(first, end - 1, height), (height, width), height + 2 * WINDOW
     np.testing.assert_array_equal(dirty_tiles(drawn, below, size, band, start), expected)
+    np.testing.assert_array_equal(dirty_tiles(drawn, below, size, None, start), expected)
     assert not np.any(dirty_tiles(drawn, below, size, touched(0, 1e6, height), 0))
 
 
