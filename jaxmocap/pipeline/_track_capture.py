@@ -188,7 +188,8 @@ def track_capture(
         cameras = capture.cameras
         observations = observe(capture, cameras, character, made.appearance, made.registrations, found_points)
         prepared = time.perf_counter()
-        tell("track", 0, capture.num_frames if frames is None else frames[1] - frames[0])
+        if not checkpoint.exists:
+            tell("track", 0, capture.num_frames if frames is None else frames[1] - frames[0])
         try:
             with programs_recorded(run_like):
                 results = track_frames(
