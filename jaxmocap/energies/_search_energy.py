@@ -167,7 +167,8 @@ def _score(
     moved = jax.vmap(lambda delta: retract(skeleton, group.pose, delta))(rows.increments)
     particles = (moved, jax.vmap(lambda pose: group.part.posed(group.character, pose))(moved))
     clean = _Canvas(below, jnp.zeros((num_cameras, 2), jnp.int32))
-    each, values = (one, particles) if rows.live is None else (one_if, (rows.live, particles))
+    each: Callable[..., Any] = one if rows.live is None else one_if
+    values = particles if rows.live is None else (rows.live, particles)
     if driver == "loop":
         return lax.scan(each, clean, values)[1]
     return jax.vmap(lambda value: each(clean, value)[1])(values)

@@ -170,7 +170,9 @@ class ViewView(AbstractTerm):
         pairs = jnp.asarray(ordered_pairs(frame.num_cameras), jnp.int32).reshape(-1, 2)
         between = jax.vmap(lambda pair: pixel_transfer(frame.projection[pair[0]], frame.projection[pair[1]]))(pairs)
         bare = _Prepared(pairs, between, packed.reshape(frame.num_cameras, -1), own, None)
-        return bare._replace(known=lax.map(lambda way: self._known(*way, bare, base, group), (pairs, between)))
+        return bare._replace(
+            known=lax.map(lambda way: self._known(way[0], way[1], bare, base, group), (pairs, between))
+        )
 
     def _known(self, pair: Array, between: PixelTransfer, bare: _Prepared, base: Array, group: GroupProblem) -> _Known:
         """For one pair."""
