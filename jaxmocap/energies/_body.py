@@ -130,7 +130,7 @@ def part_windows(
     part, frame = group.part, group.frame
     screen = to_screen(vertices, frame.projection[camera], frame.origins[camera])
     drawn = Faces(part.faces, part.face_numbers)
-    return window_list(screen, drawn, frame.size, frame.depth_range[camera], part.layout, capacity, driver=driver)
+    return window_list(screen, drawn, frame.size, frame.depth_range[camera], part.layout, capacity, driver)
 
 
 def pixels_outside(places: Places, size: tuple[int, int]) -> Float[Array, ""]:

@@ -49,7 +49,9 @@ class ModelView(AbstractTerm):
     def _uncovered(self, background: Array) -> Array:
         return self.uncovered_scale * uncovered_cost(background, self.epsilon)
 
-    def _covered(self, problem: FrameProblem, camera: Array, ids: Array, labels: Array, image: Array, behind: Array):
+    def _covered(
+        self, problem: FrameProblem, camera: Array, ids: Array, labels: Array, image: Array, behind: Array
+    ) -> Array:
         """Compute the cost of pixels that these faces cover; `camera` says of which view."""
         if self.shading == "exact":
             foreground = _clusters(problem).distance(camera, ids, image)

@@ -138,8 +138,7 @@ def _score(
 
     In a loop a particle is drawn into the buffers of the one before, after the rows that one touched are put back.
     """
-    num_cameras, height, width = base.buffers.shape
-    size = group.frame.size
+    (num_cameras, height, width), size = base.buffers.shape, group.frame.size
     skeleton, below = group.character.skeleton, base.buffers.reshape(-1, width, 1)
 
     def one(before: _Canvas, particle: tuple[Pose, Array]) -> tuple[_Canvas, tuple[Array, Array]]:

@@ -11,14 +11,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._types import Knob, knob
-from jaxmocap.render import (
-    WINDOW,
-    SoftFaces,
-    expand,
-    look_up,
-    sum_over_tiles,
-    tiles_at,
-)
+from jaxmocap.render import WINDOW, SoftFaces, expand, look_up, sum_over_tiles, tiles_at
 
 from ._body import GroupProblem
 from ._model_view import TAU
@@ -61,9 +54,9 @@ def _meets(group: GroupProblem, face: Array, key: Array) -> Array:
 
 
 class _Known(NamedTuple):
-    """Of view m's tiles in the region while the part is not drawn: cost and number of the pixels that count, and the
-    box of tiles of view n's region in which their partners are, from its `first` row and column to before its `end`.
-    Cost and number hold for as long as no key changes in the tile or in that box."""
+    """Of view m's tiles while the part is not drawn: cost and number of the pixels that count, and the box of view n's
+    tiles in which their partners are, from its `first` row and column to before its `end`. Cost and number hold for as
+    long as no key changes in the tile or in that box."""
 
     cost: Float[Array, "*pair down across"]
     count: Float[Array, "*pair down across"]

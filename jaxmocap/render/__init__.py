@@ -11,7 +11,6 @@ from ._tiles import (
     block_sums as block_sums,
     dirty_tiles as dirty_tiles,
     put_back as put_back,
-    sum_in_chunks as sum_in_chunks,
     sum_over_blocks as sum_over_blocks,
     sum_over_tiles as sum_over_tiles,
     tiles_at as tiles_at,

@@ -1,7 +1,7 @@
-"""Tiles: the 8 x 8 squares of a key buffer, those that are covered, or that differ from what lay below.
+"""Tiles: the 8 x 8 squares of a key buffer, and those of them that differ from what lay below.
 
-A person fills a small part of its rectangle, and a limb a small part of the person. A sum over pixels each of which is
-dear is therefore computed over some tiles only, some dozen at a time, in a loop that is as long as the particle needs.
+A limb fills a small part of the person, and the person of its rectangle. A sum over pixels each of which is dear is
+therefore computed over some tiles only, or blocks of tiles, in a loop that is as long as the particle needs.
 """
 
 from collections.abc import Callable, Sequence
@@ -88,32 +88,6 @@ def tiles_at(chosen: Bool[Array, "down across"], side: tuple[int, int] = (WINDOW
     return Tiles(rows, columns, ends[-1])
 
 
-def sum_in_chunks(
-    count: Int[Array, ""],
-    capacity: int,
-    cost: Callable[..., Float[Array, "n"]],
-    place: Callable[[Int[Array, "n"]], Sequence[Any]] = lambda slots: (slots,),
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Sum and number of the costs that are not negative in the first `count` of `capacity` slots.
-
-    `cost(*place(slots))` is called for some thousand slots at a time, in a loop that is as long as `count` needs. What
-    `place` finds is kept before `cost` reads it: XLA would else work out anew for each of several values that are
-    looked up where they lie, which takes longer than the look-ups.
-    """
-    at_once = min(_PIXELS_AT_ONCE, capacity)
-
-    def body(chunk: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
-        slots = chunk * at_once + jnp.arange(at_once)
-        placed = _kept(count, lambda: tuple(place(jnp.minimum(slots, capacity - 1))))
-        found = lax.optimization_barrier(jnp.where(slots < count, cost(*placed), -1.0))
-        counted = found >= 0
-        return sums[0] + jnp.where(counted, found, 0.0), sums[1] + counted.astype(jnp.float32)
-
-    nothing = jnp.zeros(at_once)
-    total, counted = lax.fori_loop(0, -(-count // at_once), body, (nothing, nothing))
-    return total.sum(), counted.sum()
-
-
 def _kept(count: Int[Array, ""], compute: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
     """`compute()` in a loop that is done once where there is anything to count: no compiler fuses across its end."""
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(compute))
@@ -126,22 +100,35 @@ def sum_over_tiles(
     step: int = 1,
     place: Callable[[Int[Array, "n"], Int[Array, "n"]], Sequence[Any]] = lambda rows, columns: (rows, columns),
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Sum and number of the costs that are not negative over every `step`-th row and column of the covered tiles.
+    """Sum and number of the costs that are not negative over every `step`-th row and column of the tiles.
 
-    `cost(*place(rows, columns))` leaves a pixel out by a negative cost; `place` as for `sum_in_chunks`. A tile holds
-    pixels that are not covered, and reaches up to seven pixels beyond the picture.
+    `cost(*place(rows, columns))` is called for some hundred pixels at a time, in a loop that is as long as the tiles
+    need; it leaves a pixel out by a negative cost. A tile reaches up to seven pixels beyond the picture. What `place`
+    finds is kept before `cost` reads it: XLA would else work out anew for each of several values that are looked up
+    where they lie, which takes longer than the look-ups.
     """
     side = WINDOW // step  # a power of two: shifts, since XLA divides integers one by one
     bits = side.bit_length() - 1
     lanes = side * side
+    count, capacity = tiles.count * lanes, tiles.rows.size * lanes
+    at_once = min(_PIXELS_AT_ONCE, capacity)
 
-    def in_tiles(slots: Array) -> Sequence[Any]:
+    def places(slots: Array) -> tuple[Any, ...]:
         tile, lane = slots >> (2 * bits), slots & (lanes - 1)
         rows = look_up(tiles.rows, tile) + (lane >> bits) * step
         columns = look_up(tiles.columns, tile) + (lane & (side - 1)) * step
-        return place(rows, columns)
+        return tuple(place(rows, columns))
 
-    return sum_in_chunks(tiles.count * lanes, tiles.rows.size * lanes, cost, in_tiles)
+    def body(chunk: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+        slots = chunk * at_once + jnp.arange(at_once)
+        placed = _kept(count, lambda: places(jnp.minimum(slots, capacity - 1)))
+        found = lax.optimization_barrier(jnp.where(slots < count, cost(*placed), -1.0))
+        counted = found >= 0
+        return sums[0] + jnp.where(counted, found, 0.0), sums[1] + counted.astype(jnp.float32)
+
+    nothing = jnp.zeros(at_once)
+    total, counted = lax.fori_loop(0, -(-count // at_once), body, (nothing, nothing))
+    return total.sum(), counted.sum()
 
 
 BLOCK = (16, 32)

@@ -48,7 +48,6 @@ class WindowList(eqx.Module):
     numbers: Int[Array, "face"]
     points: Complex[Array, "vertex"]
     levels: Float[Array, "vertex"]
-    corner: tuple[Int[Array, ""], Int[Array, ""]]
     size: tuple[int, int] = eqx.field(static=True)
 
 
@@ -179,13 +178,13 @@ class _Setup(NamedTuple):
     drawn: Bool[Array, "n"]
 
 
-def _set_up(places: Places, top: Array, left: Array, height: int, width: int) -> _Setup:
+def _set_up(places: Places, height: int, width: int) -> _Setup:
     (low_x, high_x), (low_y, high_y) = (
         (jnp.minimum(jnp.minimum(a, b), c), jnp.maximum(jnp.maximum(a, b), c)) for a, b, c in places
     )
     start_x, start_y, last_x, last_y = jnp.ceil(low_x), jnp.ceil(low_y), jnp.floor(high_x), jnp.floor(high_y)
     near = (jnp.minimum(low_x, low_y) > -_FAR_PIXEL) & (jnp.maximum(high_x, high_y) < _FAR_PIXEL)
-    hit = (last_x >= left) & (last_y >= top) & (start_x <= left + width - 1) & (start_y <= top + height - 1)
+    hit = (last_x >= 0) & (last_y >= 0) & (start_x <= width - 1) & (start_y <= height - 1)
     hit &= (last_x >= start_x) & (last_y >= start_y)
     moved = (tuple(x - start_x for x in places[0]), tuple(y - start_y for y in places[1]))
     area = doubled_area(moved)
@@ -195,9 +194,9 @@ def _set_up(places: Places, top: Array, left: Array, height: int, width: int) ->
         return jnp.where(drawn, value, 0.0).astype(jnp.int32)
 
     first_x, first_y = whole(start_x), whole(start_y)
-    skip_x, skip_y = _in_windows(jnp.maximum(left - first_x, 0)), _in_windows(jnp.maximum(top - first_y, 0))
-    end_x = _in_windows(jnp.minimum(whole(last_x), left + width - 1) - first_x)
-    end_y = _in_windows(jnp.minimum(whole(last_y), top + height - 1) - first_y)
+    skip_x, skip_y = _in_windows(jnp.maximum(-first_x, 0)), _in_windows(jnp.maximum(-first_y, 0))
+    end_x = _in_windows(jnp.minimum(whole(last_x), width - 1) - first_x)
+    end_y = _in_windows(jnp.minimum(whole(last_y), height - 1) - first_y)
     return _Setup((first_x, first_y), moved, area, (skip_x, skip_y), end_x - skip_x + 1, end_y - skip_y + 1, drawn)
 
 
@@ -216,22 +215,19 @@ def window_list(
     depth_range: Float[Array, "2"],
     layout: KeyLayout,
     capacity: int,
-    corner: Int[Array, "2"] | None = None,
     driver: Driver | None = None,
 ) -> tuple[WindowList, Places]:
     """List the windows of every front face that touches a rectangle of `size` (height, width) pixels.
 
     Returns with them the corners of all faces on the screen.
 
-    `corner` is the row and column, in the coordinates of `screen`, of the buffer's first pixel (default 0, 0). Faces
-    are front-facing when counter-clockwise seen from outside. Faces with a vertex behind the camera are dropped.
+    Faces are front-facing when counter-clockwise seen from outside. Faces with a vertex behind the camera are dropped.
     `needed > capacity` says that windows were dropped; the caller draws again with a larger capacity. The default
     driver is the machine's `best_driver`.
     """
-    top, left = (jnp.zeros((), jnp.int32),) * 2 if corner is None else (corner[0], corner[1])
     points = screen_points(screen)
     places = corner_places(points, faces.corners)
-    seen = _set_up(places, top, left, *size)
+    seen = _set_up(places, *size)
     drawn = seen.drawn if faces.active is None else seen.drawn & faces.active
     counts = lax.optimization_barrier(jnp.where(drawn, seen.across * seen.down, 0))
     expanded = expand_one_by_one if (driver or best_driver()) == "loop" else expand
@@ -241,17 +237,16 @@ def window_list(
     levels = jnp.clip((screen[2] - depth_range[0]) * scale, 0.0, float(layout.depth_levels)) + 1.0
     item, rank, levels = lax.optimization_barrier((item, rank, levels))
     count = jnp.minimum(needed, capacity)
-    listed = WindowList(item, rank, count, needed, faces.corners, faces.numbers, points, levels, (top, left), size)
+    listed = WindowList(item, rank, count, needed, faces.corners, faces.numbers, points, levels, size)
     return listed, places
 
 
 def planned_windows(listed: WindowList, item: Int[Array, "n"], rank: Int[Array, "n"]) -> Windows:
     """Compute the planes of some windows from the corners of each one's face."""
-    top, left = listed.corner
     of_item = lax.optimization_barrier(tuple(look_up(vertices, item) for vertices in listed.faces))
     level = lax.optimization_barrier(tuple(look_up(listed.levels, vertex) for vertex in of_item))
     number = look_up(listed.numbers, item)
-    face = _set_up(corner_places(listed.points, of_item), top, left, *listed.size)
+    face = _set_up(corner_places(listed.points, of_item), *listed.size)
     (ax, bx, cx), (ay, by, cy) = face.places
     inv_area = jnp.where(face.drawn, 1.0 / jnp.where(face.drawn, face.area, -1.0), 0.0)
     a0, b0 = -(cy - by) * inv_area, (cx - bx) * inv_area
@@ -265,7 +260,7 @@ def planned_windows(listed: WindowList, item: Int[Array, "n"], rank: Int[Array, 
     offset_x, offset_y = (skip_x + rank - step_y * across) * WINDOW, (skip_y + step_y) * WINDOW
     fx, fy = lax.optimization_barrier((offset_x.astype(jnp.float32), offset_y.astype(jnp.float32)))
     planes = (a0, b0, c0 + a0 * fx + b0 * fy, a1, b1, c1 + a1 * fx + b1 * fy, az, bz, cz + az * fx + bz * fy)
-    column, row = first_x + offset_x - left + WINDOW, first_y + offset_y - top + WINDOW
+    column, row = first_x + offset_x + WINDOW, first_y + offset_y + WINDOW
     # Kept apart, one array each: the loop that draws reads them in turn, and a table would have to be written first.
     return Windows(*lax.optimization_barrier((planes, column, row, number)))
 

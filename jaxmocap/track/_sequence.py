@@ -140,10 +140,14 @@ def motion_of(
     clip_record = {}
     if clip is not None:
         poses, contacts = solve_clip(character.skeleton, poses, moments, judged.confidence, capture.up, clip)
-        clip_record["contacts"] = contacts and [
-            Contact(name, int(numbers[positions[first]]), int(numbers[positions[last]]))._asdict()
-            for name, first, last in contacts
-        ]
+        clip_record["contacts"] = (
+            None
+            if contacts is None
+            else [
+                Contact(name, int(numbers[positions[first]]), int(numbers[positions[last]]))._asdict()
+                for name, first, last in contacts
+            ]
+        )
     names, each = ("frame", *character.skeleton.limb_labels.values()), (judged.risk, *judged.limb_risk.T)
     risks = {name: np.round(risk, 3).tolist() for name, risk in zip(names, each, strict=True)}
     terms = sorted({name for result in results for name in result.energy})

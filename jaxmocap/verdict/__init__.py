@@ -9,10 +9,13 @@ from ._frame_verdict import (
     passed_over as passed_over,
     poses_between as poses_between,
 )
-from ._guide_entries import GUIDE_ENTRIES as GUIDE_ENTRIES
 from ._lost import LostSpan as LostSpan, lost_spans as lost_spans
 from ._outlier_camera import OutlierCamera as OutlierCamera, outlier_cameras as outlier_cameras
-from ._sequence_verdict import SequenceVerdict as SequenceVerdict, judge_sequence as judge_sequence
+from ._sequence_verdict import (
+    GUIDE_ENTRIES as GUIDE_ENTRIES,
+    SequenceVerdict as SequenceVerdict,
+    judge_sequence as judge_sequence,
+)
 from ._signals import FrameSignals as FrameSignals, frame_signals as frame_signals
 from ._uncertainty import (
     UncertaintySettings as UncertaintySettings,

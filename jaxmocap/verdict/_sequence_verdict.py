@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from jaxmocap.character import Skeleton
 
+from . import _doubts, _lost, _outlier_camera
 from ._doubts import ALONE, UNTOLD, Doubt, doubts
 from ._features import frame_features, limb_features
 from ._frame_verdict import FrameResult, VerdictSettings
@@ -15,6 +16,22 @@ from ._lost import LostSpan, lost_spans
 from ._model import FRAME_MODEL, LIMB_MODEL, probability
 from ._outlier_camera import OutlierCamera, contradicted, outlier_cameras
 from ._uncertainty import mean_deviations
+
+GUIDE_ENTRIES = {
+    _doubts.APART: "The views disagree",
+    _doubts.OUTLINE: "The outline does not fit",
+    _doubts.UNEXPLAINED: "The pixels do not look like the person",
+    _doubts.FAST: "The body moves too fast",
+    _doubts.UNTOLD: "The pictures tell too little",
+    _doubts.ALONE: "No two views can be compared",
+    _doubts.REGISTERED: "A selected frame is wrong",
+    _lost.LOST: "The body is lost",
+    _lost.HIDDEN: "No view shows a limb",
+    _lost.FOREIGN: "A limb looks like the background",
+    _lost.JUMPING: "A limb leaves its way",
+    _outlier_camera.ALONE: "A camera is left out",
+}
+"""Heading of `docs/guide.md` that explains a reason, by reason as `why` of a span has it."""
 
 
 @dataclass(frozen=True)

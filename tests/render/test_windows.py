@@ -94,14 +94,6 @@ def test_a_limb_drawn_over_the_rest_gives_the_bits_of_the_whole(picture, limb):
     assert np.any(np.asarray(crop(rest)) != np.asarray(crop(whole)))
 
 
-def test_a_corner_inside_the_rectangle_gives_the_bits_of_the_rectangle(picture):
-    whole = crop(picture.draw(picture.listed()))
-    for corner in ((16, 24), (53, 31)):
-        listed = picture.listed(size=(96, 88), corner=jnp.asarray(corner, jnp.int32))
-        part = crop(picture.draw(listed, size=(96, 88)))
-        np.testing.assert_array_equal(part, whole[corner[0] : corner[0] + 96, corner[1] : corner[1] + 88])
-
-
 def test_the_order_of_the_faces_does_not_change_the_faces_seen(picture):
     order = np.random.default_rng(0).permutation(picture.faces.shape[1]).astype(np.int32)
     shuffled = picture.listed(faces=picture.faces[:, order], numbers=jnp.asarray(order))
