@@ -38,11 +38,11 @@ class Picture:
         self.depth_range = inverse_depth_range(jnp.asarray(vertices), camera)
         self.numbers = jnp.arange(self.faces.shape[1], dtype=jnp.int32)
 
-    def listed(self, faces=None, numbers=None, active=None, capacity=CAPACITY, size=(HEIGHT, WIDTH), corner=None):
+    def listed(self, faces=None, numbers=None, active=None, capacity=CAPACITY, size=(HEIGHT, WIDTH)):
         faces = self.faces if faces is None else faces
         numbers = self.numbers if numbers is None else numbers
         drawn = Faces(faces, numbers, active)
-        return _list(self.screen, drawn, size, self.depth_range, self.layout, capacity, corner)[0]
+        return _list(self.screen, drawn, size, self.depth_range, self.layout, capacity)[0]
 
     def draw(self, listed, buffer=None, size=(HEIGHT, WIDTH)):
         buffer = empty_buffer(self.layout, *size) if buffer is None else buffer
