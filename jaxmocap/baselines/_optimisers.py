@@ -47,7 +47,7 @@ def _whole(plan: SearchPlan) -> SearchPlan:
     """
     groups = human_table().groups
     counts = [plan.count(len(dofs), 1.0 if is_limb(name) else plan.trunk) for name, dofs in groups]
-    return SearchPlan(plan.stages, sum(counts), plan.spread, groups="whole")
+    return SearchPlan(plan.step, plan.iterations, plan.faces, sum(counts), plan.spread, groups="whole")
 
 
 def annealed_particle_filter(quality: Quality = "normal") -> Tracker:

@@ -179,9 +179,9 @@ def _more(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run) 
     trials = swept("background grid", (10, 13, 16, 20), grid)
     trials += swept("lambda", (0.0, 0.1, 0.3, 1.0, 3.0), lambda v: ({weight: v}, {}))
     trials += swept("particles", (24, 48, 96, 192), lambda v: ({"search.particles": v}, {}))
-    trials += swept("iterations", (6, 16, 32), lambda v: ({"search.stages.0.iterations": v}, {}))
-    trials += swept("every n-th pixel", (2, 4), lambda v: ({"search.stages.0.step": v}, {}))
-    palette = {"search.stages.0.faces": 1.0}
+    trials += swept("iterations", (6, 16, 32), lambda v: ({"search.iterations": v}, {}))
+    trials += swept("every n-th pixel", (2, 4), lambda v: ({"search.step": v}, {}))
+    palette = {"search.faces": 1.0}
     exact = {**palette, "search_energy.terms.model_view.shading": "exact"}
     shading = [("palette", palette, {}), ("exact", exact, {})]
     trials += ablation("shading", "shading", shading, [arms], seeds, base)

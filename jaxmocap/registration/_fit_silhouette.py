@@ -22,7 +22,7 @@ from jaxmocap.refinement import (
 )
 from jaxmocap.refiners import AbstractRefiner, Shooting
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
-from jaxmocap.search import Stage, group_searches
+from jaxmocap.search import group_searches
 
 NEAREST = 4
 """Other views that a view is held against, those nearest in direction: from farther off the surface looks otherwise."""
@@ -112,11 +112,9 @@ def search_silhouettes(
     energy = SearchEnergy((Silhouette(masks=masks),))
     spread = character.skeleton.initial_spread * 1.5
     spread[fixed] = 0.0
-    for number, search in enumerate(group_searches(character)):
+    for number, search in enumerate(group_searches(character, energy)):
         sampler = InteractingSimulatedAnnealing(num_particles=particles_for(len(search.dofs)), num_iterations=15)
-        result = search(
-            (Stage(energy, 1, 15),), sampler, character, pose, problem, spread, jax.random.fold_in(key, number)
-        )
+        result = search(sampler, pose, problem, spread, jax.random.fold_in(key, number))
         pose = retract(character.skeleton, pose, result.increment)
     return pose
 

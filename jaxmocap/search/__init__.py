@@ -1,4 +1,4 @@
-"""The sample-based search of sec. 4.1: groups, stages, gating, scores."""
+"""The sample-based search of sec. 4.1: groups, gating, scores."""
 
 from ._body_search import BodySearch as BodySearch
 from ._evidence import (
@@ -13,8 +13,7 @@ from ._group_search import (
     ROOT_REACH as ROOT_REACH,
     GroupSearch as GroupSearch,
     Reach as Reach,
-    Stage as Stage,
     group_searches as group_searches,
 )
-from ._plan import Effort as Effort, SearchPlan as SearchPlan
+from ._plan import SearchPlan as SearchPlan
 from ._polish import PolishPlan as PolishPlan, polish as polish

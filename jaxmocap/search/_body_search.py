@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._runtime import Clock
 from jaxmocap.character import Pose, retract, skin
-from jaxmocap.energies import SearchEnergy
+from jaxmocap.energies import SearchEnergy, body_part
 from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import Frame, FrameProblem, Observations
 from jaxmocap.samplers import AbstractSampler
@@ -16,7 +16,7 @@ from jaxmocap.samplers import AbstractSampler
 from ._drawn_meshes import simplified_mesh
 from ._evidence import DrawnPose, Evidence, PoseScore
 from ._gating import SearchMemory, gated
-from ._group_search import Reach, Stage, group_searches
+from ._group_search import Reach, group_searches
 from ._plan import SearchPlan
 
 WIDE_TRUNK = 0.5
@@ -39,22 +39,21 @@ class BodySearch:
     ):
         self.character = score.character
         self.fps = observations.capture.fps
-        self.energy = energy
         self.plan = plan
         self.sampler = sampler
         self.score = score
         self.key = key
         skeleton = self.character.skeleton
-        shares = sorted({stage.faces for stage in plan.stages} - {1.0})
-        meshes = {share: simplified_mesh(observations.character, observations.surface, share) for share in shares}
+        mesh = None if plan.faces == 1 else simplified_mesh(observations.character, observations.surface, plan.faces)
         whole = (("body", tuple(range(skeleton.num_dofs))),) if plan.groups == "whole" else None
-        self.groups = group_searches(self.character, meshes, whole)
+        self.groups = group_searches(self.character, energy, plan.step, mesh, whole)
         self.limbs = [number for number, group in enumerate(self.groups) if group.name in skeleton.limbs]
         everything = [np.ones(len(skeleton.body_names), bool)]
         self.evidence = evidence
         self.bodies = everything if whole else evidence.groups
         faces = np.asarray(self.character.faces)
-        self.vertices = [np.unique(faces[np.asarray(group.part.moves)]) for group in self.groups]
+        parts = [body_part(self.character, group.dofs) for group in self.groups]
+        self.vertices = [np.unique(faces[np.asarray(part.moves)]) for part in parts]
 
     def start(self) -> SearchMemory:
         """Make the memory before the first frame."""
@@ -105,11 +104,10 @@ class BodySearch:
         limb = number in self.limbs
         wide = (plan.wide if limb else 0.0) if wide is None else wide
         pace = history.pace(self.fps) if history is not None and plan.wide == 0 else 1.0
-        stages = tuple(Stage(self.energy, *effort) for effort in plan.stages)
         share = 1.0 if limb else plan.trunk
         sampler = plan.sized(self.sampler, group.dofs, share, len(group.part.dofs))
         spread = self.character.skeleton.initial_spread * plan.spread * pace * share
-        found = group(stages, sampler, self.character, pose, problem, spread, key, Reach(wide, within, plan.prior))
+        found = group(sampler, pose, problem, spread, key, Reach(wide, within, plan.prior))
         return retract(self.character.skeleton, pose, found.increment), np.asarray(found.deviation)
 
     def remember(self, memory: SearchMemory, drawn: DrawnPose) -> SearchMemory:

@@ -1,9 +1,8 @@
 """The sample-based search of sec. 4.1: one group of DoFs at a time, a whole generation of particles per compiled
 call."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,16 +12,8 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from jaxmocap._cache import cached_jit, optimised_jit
 from jaxmocap.character import Character, Pose, retract
-from jaxmocap.energies import (
-    Base,
-    BodyPart,
-    GroupProblem,
-    SearchEnergy,
-    part_windows,
-    prepare_base,
-    score_particles,
-)
-from jaxmocap.observation import FrameProblem
+from jaxmocap.energies import Base, BodyPart, GroupProblem, SearchEnergy, part_windows, prepare_base, score_particles
+from jaxmocap.observation import FrameProblem, Surface
 from jaxmocap.samplers import AbstractSampler, Pool, run
 
 from ._drawn_meshes import Groups, Mesh, alike_parts, is_limb, power_of_two
@@ -34,16 +25,6 @@ POOL = 20
 """As many particles are drawn for each one that starts further afield; the best ones are taken."""
 
 
-class Stage(eqx.Module):
-    """Some iterations at one resolution: every `step`-th pixel of the rectangle, with this energy and the mesh that
-    keeps this share of its faces."""
-
-    energy: SearchEnergy
-    step: int = eqx.field(static=True, default=1)
-    iterations: int = eqx.field(static=True, default=25)
-    faces: float = eqx.field(static=True, default=1.0)
-
-
 class GroupResult(eqx.Module):
     """`increment (dof,)` of the group, the deviation of the last particles (dof,), the energy of the answer, and what
     the static capacities would have had to be."""
@@ -51,7 +32,7 @@ class GroupResult(eqx.Module):
     increment: Float[Array, "dof"]
     deviation: Float[Array, "dof"]
     energy: Float[Array, ""]
-    needed: Int[Array, "stage"]
+    needed: Int[Array, ""]
     needed_base: Int[Array, ""]
 
 
@@ -79,23 +60,6 @@ class _Box(NamedTuple):
     spread: Float[Array, "*dof"]
     lower: Float[Array, "*dof"]
     upper: Float[Array, "*dof"]
-
-
-class _Level(eqx.Module):
-    """A stage with what it draws: the part of a simplified mesh, or (None) of the character's own, in so many
-    windows."""
-
-    stage: Stage
-    mesh: Mesh | None
-    part: BodyPart
-    capacity: int = eqx.field(static=True)
-
-    def of(self, group: GroupProblem) -> GroupProblem:
-        """Return the group as this stage sees it."""
-        character, frame = group.character, group.frame.coarser(self.stage.step)
-        if self.mesh is not None:
-            character, frame = self.mesh.character, replace(frame, surface=self.mesh.surface)
-        return GroupProblem(character, self.part, group.pose, frame)
 
 
 class _ParticleEnergy(eqx.Module):
@@ -144,17 +108,19 @@ def wide_population(
 
 
 @cached_jit
-def _prepare(levels: tuple[_Level, ...], group: GroupProblem, capacity: int) -> tuple[Base, ...]:
-    """Prepare what the particles share at each level; the part is `unseen`, so that groups share the program."""
-    return tuple(prepare_base(level.stage.energy, level.of(group), capacity) for level in levels)
+def _prepare(energy: SearchEnergy, group: GroupProblem, step: int, capacity: int) -> Base:
+    """Prepare what the particles share; the part is `unseen`, so that groups share the program."""
+    return prepare_base(energy, replace(group, frame=group.frame.coarser(step)), capacity)
 
 
 @optimised_jit
 def _search(
-    levels: tuple[_Level, ...],
-    bases: tuple[Base, ...],
+    energy: SearchEnergy,
+    base: Base,
     sampler: AbstractSampler,
     group: GroupProblem,
+    step: int,
+    capacity: int,
     box: _Box,
     distal: Bool[Array, "group_dof"],
     wide: float,
@@ -162,61 +128,61 @@ def _search(
     key: PRNGKeyArray,
 ) -> GroupResult:
     dofs, skeleton = group.part.dofs, group.character.skeleton
+    group = replace(group, frame=group.frame.coarser(step))
     own = _Box(*(values.at[dofs].get(mode="fill", fill_value=0.0) for values in box))  # no spread: it stays
-    scored, seen = [], [level.of(group) for level in levels]
-    for level, base, coarse in zip(levels, bases, seen, strict=True):
-        energy = _ParticleEnergy(level.stage.energy, coarse, base, own.spread, prior, level.capacity)
-        scored.append((energy, level.stage.iterations))
+    scored = _ParticleEnergy(energy, group, base, own.spread, prior, capacity)
     pool, count = None, int(wide * sampler.num_particles)
     if count > 0:
         key, pool_key = jax.random.split(key)
         pool = Pool(wide_population(pool_key, POOL * count, *own, distal), count)
     best, info = run(sampler, scored, jnp.zeros(dofs.shape[0]), *own, key, pool=pool)
     increment = jnp.zeros(skeleton.num_dofs).at[dofs].set(best, mode="drop")
-    needed = []
-    for level, coarse in zip(levels, seen, strict=True):
 
-        def windows(posed: Array, coarse=coarse, capacity=level.capacity) -> Array:
-            cameras = jnp.arange(coarse.frame.num_cameras)
-            return jax.lax.map(lambda camera: part_windows(coarse, posed, camera, capacity)[0].needed, cameras).max()
+    def windows(posed: Float[Array, "part_vertex 3"]) -> Int[Array, ""]:
+        cameras = jnp.arange(group.frame.num_cameras)
+        return jax.lax.map(lambda camera: part_windows(group, posed, camera, capacity)[0].needed, cameras).max()
 
-        poses = (group.pose, retract(skeleton, group.pose, increment))
-        posed = jnp.stack([level.part.posed(group.character, pose) for pose in poses])
-        needed.append(jax.lax.map(windows, posed).max())
+    poses = (group.pose, retract(skeleton, group.pose, increment))
+    posed = jnp.stack([group.part.posed(group.character, pose) for pose in poses])
     return GroupResult(
         increment=increment,
         deviation=jnp.zeros(skeleton.num_dofs).at[dofs].set(info.deviation, mode="drop"),
         energy=info.energy,
-        needed=jnp.stack(needed),
-        needed_base=jnp.stack([base.needed for base in bases]).max(),
+        needed=jax.lax.map(windows, posed).max(),
+        needed_base=base.needed,
     )
 
 
 @dataclass
 class Sizes:
-    """Static sizes of a compiled search, which only grow; limbs share them, and so do root and torso. Windows are
-    counted by resolution and mesh: (step, share of the faces)."""
+    """Static sizes of a compiled search, which only grow: windows of the body without the part, and of the part. Limbs
+    share them, and so do root and torso."""
 
     base_capacity: int
-    capacity: dict[tuple[int, float], int] = field(default_factory=dict)
+    capacity: int
 
 
 @dataclass
 class GroupSearch:
-    """Searches one group; its sizes are remembered between frames so that they seldom change (host)."""
+    """Searches one group; its sizes are remembered between frames so that they seldom change (host).
+
+    Particles are scored by `energy` at every `step`-th pixel. The `character` that is drawn, and the `part` of it that
+    moves, may be of a simplified mesh, whose `surface` then takes the place of the frame's.
+    """
 
     name: str
     dofs: tuple[int, ...]
+    energy: SearchEnergy
+    step: int
+    character: Character
     part: BodyPart
-    simple: dict[float, tuple[Mesh, BodyPart]] = field(default_factory=dict)
-    sizes: Sizes = field(default_factory=lambda: Sizes(256))
-    distal: Bool[Array, "group_dof"] = field(default_factory=lambda: jnp.zeros(0, bool))
+    surface: Surface | None
+    sizes: Sizes
+    distal: Bool[Array, "group_dof"]
 
     def __call__(
         self,
-        stages: tuple[Stage, ...],
         sampler: AbstractSampler,
-        character: Character,
         pose: Pose,
         problem: FrameProblem,
         spread: Float[np.ndarray, "dof"],
@@ -224,86 +190,48 @@ class GroupSearch:
         reach: Reach = ANYWHERE,
     ) -> GroupResult:
         """Search the group around `pose`. A capacity that overflows is enlarged and the search run again."""
-        task, sizes = self._task(stages, character, pose, problem, spread, reach), self.sizes
+        problem = problem if self.surface is None else replace(problem, surface=self.surface)
+        group = GroupProblem(self.character, self.part, pose, problem)
+        unseen = replace(group, part=self.part.unseen())
+        box, prior, sizes = self._box(pose, spread, reach), jnp.float32(reach.prior), self.sizes
         while True:
-            result = _search(*self._arguments(stages, sampler, task, key, reach))
+            base = _prepare(self.energy, unseen, self.step, sizes.base_capacity)
+            result = _search(
+                self.energy, base, sampler, group, self.step, sizes.capacity, box, self.distal, reach.wide, prior, key
+            )
             result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
-            needed_base = int(result.needed_base)
-            needed = {_name(stage): int(count) for stage, count in zip(stages, result.needed, strict=True)}
-            fits = all(1.1 * count <= sizes.capacity[level] for level, count in needed.items())
-            if fits and needed_base <= sizes.base_capacity:
+            needed, needed_base = int(result.needed), int(result.needed_base)
+            if 1.1 * needed <= sizes.capacity and needed_base <= sizes.base_capacity:
                 return result
-            for level, count in needed.items():
-                sizes.capacity[level] = max(sizes.capacity[level], power_of_two(1.2 * count))
+            sizes.capacity = max(sizes.capacity, power_of_two(1.2 * needed))
             sizes.base_capacity = max(sizes.base_capacity, power_of_two(1.1 * needed_base))
 
-    def _task(
-        self,
-        stages: tuple[Stage, ...],
-        character: Character,
-        pose: Pose,
-        problem: FrameProblem,
-        spread: Float[np.ndarray, "dof"],
-        reach: Reach,
-    ) -> "_Task":
-        """Bound the increments, and find what each stage draws."""
-        skeleton = character.skeleton
+    def _box(self, pose: Pose, spread: Float[np.ndarray, "dof"], reach: Reach) -> _Box:
+        """Bound the increments by the joint limits, and by the spread where they may not go far."""
+        skeleton, spread = self.character.skeleton, np.asarray(spread, np.float32)
         free, angles = np.array(ROOT_REACH, np.float32), np.asarray(pose.angles)
         lower = np.concatenate([-free, np.asarray(skeleton.lower) - angles])
         upper = np.concatenate([free, np.asarray(skeleton.upper) - angles])
         if np.isfinite(reach.within):
-            farthest = reach.within * np.asarray(spread, np.float32)
+            farthest = reach.within * spread
             lower, upper = np.maximum(lower, -farthest), np.minimum(upper, farthest)
-        drawn = [self.simple.get(stage.faces, (None, self.part)) for stage in stages]
-        meshes, part = [mesh for mesh, _ in drawn if mesh is not None], self.part
-        if len(meshes) == len(drawn):  # the character's own mesh then leaves no trace in the shapes
-            character, problem, part = meshes[0].character, replace(problem, surface=meshes[0].surface), drawn[0][1]
-        box = _Box(*jax.device_put((np.asarray(spread, np.float32), lower, upper)))
-        return _Task(GroupProblem(character, part, pose, problem), box, drawn)
-
-    def _arguments(
-        self, stages: tuple[Stage, ...], sampler: AbstractSampler, task: "_Task", key: PRNGKeyArray, reach: Reach
-    ) -> tuple[Any, ...]:
-        """Prepare what the particles share, and list what `_search` takes."""
-        sizes, group, levels = self.sizes, task.group, []
-        for stage, (mesh, part) in zip(stages, task.drawn, strict=True):
-            capacity = sizes.capacity.setdefault(_name(stage), power_of_two(1.3 * part.faces.shape[1]))
-            levels.append(_Level(stage, mesh, part, capacity))
-        unseen = tuple(replace(level, part=level.part.unseen()) for level in levels)
-        bases = _prepare(unseen, replace(group, part=group.part.unseen()), sizes.base_capacity)
-        chance = (self.distal, reach.wide, jnp.float32(reach.prior))
-        return tuple(levels), bases, sampler, group, task.box, *chance, key
-
-
-class _Task(NamedTuple):
-    """A group, the bounds of its increments, and the mesh and part that each stage draws."""
-
-    group: GroupProblem
-    box: _Box
-    drawn: Sequence[tuple[Mesh | None, BodyPart]]
-
-
-def _name(stage: Stage) -> tuple[int, float]:
-    """Name a stage in `Sizes`."""
-    return stage.step, stage.faces
+        return _Box(*jax.device_put((spread, lower, upper)))
 
 
 def group_searches(
-    character: Character, meshes: Mapping[float, Mesh] | None = None, groups: Groups | None = None
+    character: Character, energy: SearchEnergy, step: int = 1, mesh: Mesh | None = None, groups: Groups | None = None
 ) -> list[GroupSearch]:
-    """Make one search per group, by default those of the skeleton.
-
-    `meshes` holds a simplified mesh for every share of the faces that a stage names, except 1.
-    """
+    """Make one search per group, by default those of the skeleton; `mesh` is drawn instead of the character's own."""
     skeleton = character.skeleton
     groups = skeleton.groups if groups is None else groups
-    parts = alike_parts(character, groups)
-    simple = {share: (mesh, alike_parts(mesh.character, groups)) for share, mesh in (meshes or {}).items()}
+    drawn, surface = (character, None) if mesh is None else (mesh.character, mesh.surface)
+    parts = alike_parts(drawn, groups)
     shared: dict[bool, Sizes] = {}
     searches = []
     for name, dofs in groups:
-        sizes = shared.setdefault(is_limb(skeleton, name), Sizes(power_of_two(1.3 * character.faces.shape[0])))
-        coarser = {share: (mesh, there[name]) for share, (mesh, there) in simple.items()}
-        distal = jax.device_put(np.isin(np.asarray(parts[name].dofs), skeleton.distal))
-        searches.append(GroupSearch(name, dofs, parts[name], coarser, sizes, distal))
+        part = parts[name]
+        first = Sizes(*(power_of_two(1.3 * count) for count in (character.faces.shape[0], part.faces.shape[1])))
+        sizes = shared.setdefault(is_limb(skeleton, name), first)
+        distal = jax.device_put(np.isin(np.asarray(part.dofs), skeleton.distal))
+        searches.append(GroupSearch(name, dofs, energy, step, drawn, part, surface, sizes, distal))
     return searches

@@ -1,7 +1,7 @@
 """How much effort the search of sec. 4.1 makes."""
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import jax
 import numpy as np
@@ -12,20 +12,14 @@ from jaxmocap.samplers import AbstractSampler, particles_for
 from ._gating import Gating, Retry
 
 
-class Effort(NamedTuple):
-    """Some iterations of the search that look at every `step`-th pixel and draw a mesh with this share of its faces."""
-
-    step: int = 1
-    iterations: int = 25
-    faces: float = 1.0
-
-
 @dataclass(frozen=True)
 class SearchPlan:
     """Set the effort of the search, whichever the sampler.
 
     Attributes:
-        stages: from coarse to fine; one of 25 iterations on every pixel is the paper's.
+        step: every `step`-th pixel, along rows and columns, is looked at; 1 is the paper.
+        iterations: sets of particles, one after the other; 25 is the paper.
+        faces: share of the mesh's faces that a particle is drawn with; 1 is the paper.
         particles: per group; None is 2^n + 40 for n degrees of freedom (the paper).
         spread: factor of the first particles' deviation; 1.
         wide: share of a limb's first particles that look further afield; 0 is the paper.
@@ -41,7 +35,9 @@ class SearchPlan:
         groups: "hierarchy" is the paper's; "whole" searches all degrees of freedom at once, and then needs `particles`.
     """
 
-    stages: tuple[Effort, ...] = (Effort(),)
+    step: int = 1
+    iterations: int = 25
+    faces: float = 1.0
     particles: int | None = None
     spread: float = 1.0
     wide: float = 0.0
@@ -67,9 +63,9 @@ class SearchPlan:
     ) -> AbstractSampler:
         """Size the sampler for one group.
 
-        It gets the iterations of all stages, its particles (a share of them), and the smallest deviation: 2 mm for
-        translations, 0.25 degrees for angles. A search that is `width` wide has idle dimensions after the group's.
+        It gets the iterations, its particles (a share of them), and the smallest deviation: 2 mm for translations, 0.25
+        degrees for angles. A search that is `width` wide has idle dimensions after the group's.
         """
         idle = max(width - len(dofs), 0)
         floor = jax.device_put(np.array([0.002 if dof < 3 else 0.00436 for dof in dofs] + [0.00436] * idle, np.float32))
-        return sampler.sized(self.count(len(dofs), share), sum(stage.iterations for stage in self.stages), floor)
+        return sampler.sized(self.count(len(dofs), share), self.iterations, floor)

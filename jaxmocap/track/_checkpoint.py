@@ -13,7 +13,7 @@ from jaxmocap.verdict import FrameResult
 
 from ._state import TrackingState
 
-FORMAT = 4
+FORMAT = 5
 _STATE = "state.npz"
 
 

@@ -9,7 +9,7 @@ from jaxmocap.energies import ContourSettings, SearchEnergy, search_energy
 from jaxmocap.motion import AngleChoice
 from jaxmocap.refinement import DetectionPlan, FlowSettings, RefinePlan, RefineWeights
 from jaxmocap.samplers import AbstractSampler, InteractingSimulatedAnnealing
-from jaxmocap.search import Effort, Gating, PolishPlan, Retry, SearchPlan
+from jaxmocap.search import Gating, PolishPlan, Retry, SearchPlan
 from jaxmocap.verdict import VerdictSettings
 
 from ._backward_search import BackwardSearch
@@ -90,7 +90,9 @@ class Tracker:
         }
         if quality == "normal":
             search = SearchPlan(
-                (Effort(2, 16, 0.25),),
+                step=2,
+                iterations=16,
+                faces=0.25,
                 particles=96,
                 trunk=0.6,
                 wide=0.25,
@@ -101,6 +103,6 @@ class Tracker:
             )
             return Tracker(fast, search, plan, backward_search=BackwardSearch(), **habits)
         if quality == "draft":
-            coarse = SearchPlan((Effort(4, 8, 0.25),), particles=48, spread=0.6, prior=0.002)
+            coarse = SearchPlan(step=4, iterations=8, faces=0.25, particles=48, spread=0.6, prior=0.002)
             return Tracker(fast, coarse, replace(plan, rounds=2), **habits)
         raise InputError(f"quality '{quality}' is unknown; choose draft, normal or paper.")

@@ -37,7 +37,7 @@ from jaxmocap.observation import build_problem, draw, frame_rectangle, surface_o
 from jaxmocap.refinement import Rows, descend, free_prior
 from jaxmocap.refiners import Shooting
 from jaxmocap.samplers import InteractingSimulatedAnnealing
-from jaxmocap.search import PoseScore, Stage, group_searches
+from jaxmocap.search import PoseScore, group_searches
 
 sys.path.append(str(Path(__file__).parents[1] / "exporters"))
 from posed_glb import PosedGlb
@@ -158,11 +158,11 @@ def found(character, problem, truth):
     skeleton = character.skeleton
     signs = np.random.default_rng(0).choice([-1.0, 1.0], skeleton.num_dofs)
     start = clamp(skeleton, retract(skeleton, truth, jnp.asarray(signs * skeleton.per_dof(0.03, 0.12), jnp.float32)))
-    stages, pose = (Stage(ENERGY, 2, 14),), start
-    for number, search in enumerate(group_searches(character)):
+    pose = start
+    for number, search in enumerate(group_searches(character, ENERGY, step=2)):
         sampler = InteractingSimulatedAnnealing(num_particles=160, num_iterations=14, answer="best_if_better")
         key = jax.random.key(number)
-        result = search(stages, sampler, character, pose, problem, skeleton.initial_spread, key)
+        result = search(sampler, pose, problem, skeleton.initial_spread, key)
         pose = retract(skeleton, pose, result.increment)
     searched = pose
     for _ in range(4):

@@ -12,11 +12,11 @@ from jaxmocap.character import retract
 from jaxmocap.energies import search_energy
 from jaxmocap.observation import Frame
 from jaxmocap.refinement import DetectionPlan, Refinement, RefinePlan
-from jaxmocap.search import Effort, SearchPlan
+from jaxmocap.search import SearchPlan
 from jaxmocap.track import FrameTracker, Tracker
 
 ENERGY = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
-SEARCH = SearchPlan((Effort(4, 8),), particles=48)
+SEARCH = SearchPlan(step=4, iterations=8, particles=48)
 
 
 @pytest.fixture(scope="module")

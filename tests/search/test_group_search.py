@@ -13,7 +13,7 @@ from jaxmocap.character import clamp, filled_up, retract, simplify
 from jaxmocap.energies import search_energy
 from jaxmocap.observation import draw, filled_surface, simplified_surface
 from jaxmocap.samplers import InteractingSimulatedAnnealing
-from jaxmocap.search import PoseScore, Reach, Stage, group_searches, uncovered_share
+from jaxmocap.search import PoseScore, Reach, group_searches, uncovered_share
 from jaxmocap.search._drawn_meshes import simplified_mesh
 from jaxmocap.search._group_search import wide_population
 
@@ -24,7 +24,8 @@ WIDTH = 7
 
 @pytest.fixture(scope="module")
 def searches(world):
-    return {search.name: search for search in group_searches(world.character)}
+    energy = search_energy(step=2, sampling="nearest")
+    return {search.name: search for search in group_searches(world.character, energy)}
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +44,8 @@ def find(world, searches):
             answer="best_if_better",
             sigma_min=jnp.full(WIDTH, 0.00436),
         )
-        stages = (Stage(search_energy(step=2, sampling="nearest"), 1, 12),)
-        spread, problem = world.character.skeleton.initial_spread, world.problem(FRAME)
-        result = search(stages, sampler, world.character, start, problem, spread, jax.random.key(key), Reach(**options))
+        spread, problem = skeleton.initial_spread, world.problem(FRAME)
+        result = search(sampler, start, problem, spread, jax.random.key(key), Reach(**options))
         return start, retract(skeleton, start, result.increment), result
 
     return run
@@ -100,18 +100,15 @@ def test_a_lost_arm_leaves_part_of_the_person_uncovered(world):
 @pytest.mark.slow
 def test_a_lost_arm_is_found_further_afield(world):
     """A fresh search: its region is larger than the usual one. One of three keys may miss, for chance leads it."""
-    search = next(group for group in group_searches(world.character) if group.name == "l_arm")
     sampler = InteractingSimulatedAnnealing(
         num_particles=96, num_iterations=16, answer="best_if_better", sigma_min=jnp.full(WIDTH, 0.00436)
     )
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
+    search = next(group for group in group_searches(world.character, energy, step=2) if group.name == "l_arm")
     start, after, spread = arm_away(world, FRAME), [], world.character.skeleton.initial_spread
 
     def found(key, **reach):
-        return search(
-            (Stage(energy, 2, 16),), sampler, world.character, start, world.problem(FRAME),
-            spread, jax.random.key(key), Reach(0.5, **reach),
-        ).increment  # fmt: skip
+        return search(sampler, start, world.problem(FRAME), spread, jax.random.key(key), Reach(0.5, **reach)).increment
 
     for key in range(3):
         pose = retract(world.character.skeleton, start, found(key))
@@ -146,36 +143,32 @@ def test_the_same_key_gives_the_same_bits_and_another_key_others(find):
 @pytest.mark.slow
 def test_capacities_that_are_too_small_grow_and_do_not_change_the_answer(find, searches):
     _, _, enough = find("l_leg")
-    sizes, level = searches["l_leg"].sizes, (1, 1.0)
-    before = sizes.capacity[level]
-    sizes.capacity[level] = 256
+    sizes = searches["l_leg"].sizes
+    before, sizes.capacity = sizes.capacity, 256
     _, _, again = find("l_leg")
-    assert sizes.capacity[level] >= 1.1 * int(enough.needed[0])
-    assert sizes.capacity[level] <= before
+    assert sizes.capacity >= 1.1 * int(enough.needed)
+    assert sizes.capacity <= before
     np.testing.assert_allclose(again.increment, enough.increment, atol=1e-5)
 
 
 @pytest.mark.slow
-def test_a_simplified_mesh_at_a_coarse_step_finds_the_limb(world):
-    """The coarse stage alone, so that nothing else can have found it."""
+def test_a_simplified_mesh_at_every_second_pixel_finds_the_limb(world, searches):
     surface = world.problem(FRAME).surface
     mesh = simplified_mesh(world.character, surface, 0.5)
     assert mesh.surface.colour_distance.shape[1] == mesh.character.faces.shape[0] < world.character.faces.shape[0]
-    search = next(group for group in group_searches(world.character, {0.5: mesh}) if group.name == "l_leg")
+    energy = search_energy(step=2, sampling="nearest", fail="ignore", outside="ignore")
+    search = next(group for group in group_searches(world.character, energy, 2, mesh) if group.name == "l_leg")
     start = clamp(
         world.character.skeleton,
         retract(world.character.skeleton, world.pose(FRAME), jnp.zeros(39).at[jnp.array(search.dofs)].set(0.15)),
     )
     sampler = InteractingSimulatedAnnealing(num_particles=64, num_iterations=14, sigma_min=jnp.full(WIDTH, 0.00436))
-    energy = search_energy(step=2, sampling="nearest", fail="ignore", outside="ignore")
-    stages = (Stage(energy, 2, 14, 0.5),)
     spread = world.character.skeleton.initial_spread
-    found = search(stages, sampler, world.character, start, world.problem(FRAME), spread, jax.random.key(0))
+    found = search(sampler, start, world.problem(FRAME), spread, jax.random.key(0))
     poses = (start, retract(world.character.skeleton, start, found.increment))
-    before, after = (limb_errors(world, {"l_leg": search}, "l_leg", pose).mean() for pose in poses)
+    before, after = (limb_errors(world, searches, "l_leg", pose).mean() for pose in poses)
     assert before > 0.03
     assert after < 0.4 * before
-    assert list(search.sizes.capacity) == [(2, 0.5)]
 
 
 def test_a_filled_up_mesh_scores_as_the_mesh_itself(world):
@@ -196,9 +189,9 @@ def test_searches_of_like_characters_have_the_same_shapes(world):
     coarser = simplified_surface(surface, np.asarray(other.faces), nearest)
     shapes = []
     for character, tables in ((world.character, surface), (other, coarser)):
-        meshes = {share: simplified_mesh(character, tables, share) for share in (0.25, 0.5)}
-        groups = group_searches(filled_up(character), meshes)
-        drawn = [(group.part, group.simple) for group in groups]
+        meshes = [None, *(simplified_mesh(character, tables, share) for share in (0.25, 0.5))]
+        groups = [group_searches(filled_up(character), search_energy(), mesh=mesh) for mesh in meshes]
+        drawn = [(group.character, group.part, group.surface) for alike in groups for group in alike]
         shapes.append(jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), drawn))
     assert other.faces.shape != world.character.faces.shape
     assert jax.tree.structure(shapes[0]) == jax.tree.structure(shapes[1])

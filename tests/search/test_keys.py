@@ -8,7 +8,7 @@ import pytest
 
 from jaxmocap.energies import Posture, SearchEnergy
 from jaxmocap.samplers import CrossEntropy, InteractingSimulatedAnnealing
-from jaxmocap.search import Reach, Stage, group_searches
+from jaxmocap.search import Reach, group_searches
 
 
 @pytest.fixture
@@ -33,12 +33,11 @@ def used(monkeypatch):
 
 @pytest.mark.parametrize("sampler", [InteractingSimulatedAnnealing, CrossEntropy])
 def test_no_key_is_used_twice_in_the_search_of_a_limb_with_particles_further_afield(world, used, sampler):
-    search = next(group for group in group_searches(world.character) if group.name == "l_arm")
     energy, spread = SearchEnergy((Posture(),)), world.character.skeleton.initial_spread
-    stages = (Stage(energy, 4, 2), Stage(energy, 2, 1))
+    search = next(group for group in group_searches(world.character, energy, step=4) if group.name == "l_arm")
     sized = sampler(num_particles=11, num_iterations=3)
-    scene = (world.character, world.pose(2), world.problem(2), spread, jax.random.key(0))
-    jax.block_until_ready(search(stages, sized, *scene, Reach(wide=0.2)))
+    scene = (world.pose(2), world.problem(2), spread, jax.random.key(0))
+    jax.block_until_ready(search(sized, *scene, Reach(wide=0.2)))
     jax.effects_barrier()
     consumed = [key for name, key, _ in used if name != "fold_in"]
     folded = [(key, number) for name, key, number in used if name == "fold_in"]

@@ -9,12 +9,12 @@ from perturbed import vertex_errors
 
 from jaxmocap import samplers
 from jaxmocap.energies import Posture, SearchEnergy, search_energy
-from jaxmocap.search import Effort, SearchPlan
+from jaxmocap.search import SearchPlan
 from jaxmocap.track import FrameTracker, Tracker
 
 TRACKER = Tracker(
     search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore"),
-    SearchPlan((Effort(4, 6, 0.5),), particles=48, spread=0.6),
+    SearchPlan(step=4, iterations=6, faces=0.5, particles=48, spread=0.6),
     refine=None,
     flow_start=False,
 )
@@ -48,7 +48,7 @@ def test_a_frame_is_tracked_with_another_sampler_than_the_default(world):
 
 @pytest.mark.parametrize("sampler", [samplers.CrossEntropy(sigma_min=0.1), samplers.RandomSearch(shrink=0.5)])
 def test_the_plan_sets_the_sizes_of_a_sampler_and_leaves_its_other_numbers(sampler):
-    plan = SearchPlan((Effort(4, 6), Effort(2, 3)), particles=50)
+    plan = SearchPlan(iterations=9, particles=50)
     sized = plan.sized(sampler, (0, 7), share=0.5)
     assert (sized.num_particles, sized.num_iterations) == (25, 9)
     if isinstance(sampler, samplers.CrossEntropy):

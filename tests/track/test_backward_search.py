@@ -11,7 +11,7 @@ from perturbed import arm_away, vertex_errors
 from jaxmocap._runtime import Clock
 from jaxmocap.character import difference, retract, with_limb
 from jaxmocap.energies import search_energy
-from jaxmocap.search import BodySearch, Effort, Evidence, SearchPlan
+from jaxmocap.search import BodySearch, Evidence, SearchPlan
 from jaxmocap.track import Answer, BackwardSearch, FrameTracker, Tracker
 from jaxmocap.track._backward_search import doubtful_run, limb_deviation
 
@@ -47,7 +47,7 @@ def test_a_limb_is_moved_part_of_the_way(world):
 def looked_back(world, poses, settings=BackwardSearch()):
     """A tracker that has found these poses in the three frames, its last step, and all results before that."""
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
-    plan = SearchPlan((Effort(2, 12),), particles=64)
+    plan = SearchPlan(step=2, iterations=12, particles=64)
     plain = Tracker(energy, plan, refine=None, backward_search=settings)
     tracker = FrameTracker(world.observations(), plain, jax.random.key(0))
     state, found = tracker.first(world.shown(0), poses[0]).state._replace(recent=(), history=None), []

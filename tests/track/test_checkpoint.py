@@ -10,7 +10,6 @@ from jaxmocap._cache import digest
 from jaxmocap._results import InputError
 from jaxmocap.appearance import AppearanceSettings
 from jaxmocap.observation import Observations
-from jaxmocap.search import Effort
 from jaxmocap.track import Checkpoint, Tracker, _checkpoint, track, track_frames
 from jaxmocap.track._checkpoint import Saved
 
@@ -25,9 +24,8 @@ class CutOff(Exception):
 def tracker():
     """Everything that remembers something, with little effort."""
     normal = Tracker.preset("normal")
-    search = replace(
-        normal.search, stages=(Effort(4, 3, 0.25),), particles=24, retry=replace(normal.search.retry, tries=1)
-    )
+    few = replace(normal.search.retry, tries=1)
+    search = replace(normal.search, step=4, iterations=3, particles=24, retry=few)
     return replace(normal, search=search, refine=replace(normal.refine, rounds=1))
 
 

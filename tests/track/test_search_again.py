@@ -7,7 +7,7 @@ from perturbed import moved, vertex_errors
 
 from jaxmocap import InputError
 from jaxmocap.energies import search_energy
-from jaxmocap.search import BodySearch, Effort, Retry, SearchPlan
+from jaxmocap.search import BodySearch, Retry, SearchPlan
 from jaxmocap.track import FrameTracker, Tracker, _search_again
 from jaxmocap.track._search_again import search_again
 
@@ -18,7 +18,7 @@ BEHIND = {"l_shoulder_flex": -26, "l_shoulder_abd": -88, "l_shoulder_axial": 77,
 
 def body_search(world, retry):
     energy = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
-    plan = SearchPlan((Effort(2, 12),), particles=64, wide=0.25, retry=retry)
+    plan = SearchPlan(step=2, iterations=12, particles=64, wide=0.25, retry=retry)
     return FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).body_search
 
 

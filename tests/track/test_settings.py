@@ -7,8 +7,9 @@ from jaxmocap._results import InputError
 from jaxmocap.appearance import AppearanceSettings
 from jaxmocap.refiners import Shooting
 from jaxmocap.samplers import CrossEntropy, InteractingSimulatedAnnealing, RandomSearch
-from jaxmocap.search import Effort, Retry, SearchPlan
+from jaxmocap.search import Retry, SearchPlan
 from jaxmocap.track import BackwardSearch, Tracker, with_settings
+from jaxmocap.verdict import UncertaintySettings
 
 NORMAL = Tracker.preset("normal")
 
@@ -43,7 +44,8 @@ def test_what_is_on_keeps_its_settings():
         ("search.particles", "64", 64),
         ("search.particles", "off", None),
         ("search.trunk", "0.25", 0.25),
-        ("search.stages.0.faces", "1", 1.0),
+        ("search.iterations", "20", 20),
+        ("search.faces", "1", 1.0),
         ("refine.rounds", "3", 3),
         ("refine.surface_flow", "false", False),
         ("refine.autoregression", "velocity", "velocity"),
@@ -85,7 +87,7 @@ def test_weights_are_array_leaves():
     ("name", "value", "sentence"),
     [
         ("serach.calm", "off", "there is no 'serach'; choose one of search_energy, search, refine"),
-        ("search.stages.2.step", "1", "there is no '2'; choose one of 0"),
+        ("search.speed", "1", "there is no 'speed'; choose one of step, iterations, faces, particles"),
         (
             "search_energy.terms.colour.weight",
             "1",
@@ -114,7 +116,7 @@ def test_a_mistake_gets_one_sentence(name, value, sentence):
 def test_a_search_of_the_whole_body_needs_a_number_of_particles():
     with pytest.raises(InputError, match="number of particles"):
         SearchPlan(groups="whole")
-    plan = SearchPlan(groups="whole", particles=300, stages=(Effort(4, 7),))
+    plan = SearchPlan(groups="whole", particles=300, iterations=7)
     sampler = plan.sized(InteractingSimulatedAnnealing(), tuple(range(39)))
     assert (sampler.num_particles, sampler.num_iterations) == (300, 7)
 
@@ -122,3 +124,8 @@ def test_a_search_of_the_whole_body_needs_a_number_of_particles():
 def test_any_record_of_settings_can_be_changed():
     settings = with_settings(AppearanceSettings(), {"behind": "none", "grid.rows": "12"})
     assert (settings.behind, settings.grid.rows, settings.grid.columns) == ("none", 12, 16)
+    assert with_settings(UncertaintySettings(), {"doubt": "5"}) == UncertaintySettings(doubt=5.0)
+    alphas = with_settings(settings, {"warp.alphas.1": "50"}).warp.alphas
+    assert alphas == (settings.warp.alphas[0], 50.0, *settings.warp.alphas[2:])
+    with pytest.raises(InputError, match="there is no '7'; choose one of 0, 1, 2, 3"):
+        with_settings(settings, {"warp.alphas.7": "1"})

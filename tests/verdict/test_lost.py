@@ -9,7 +9,7 @@ from perturbed import arm_away, moved, vertex_errors
 
 from jaxmocap.clip import ClipPlan
 from jaxmocap.energies import search_energy
-from jaxmocap.search import Effort, SearchPlan
+from jaxmocap.search import SearchPlan
 from jaxmocap.track import FrameTracker, Tracker
 from jaxmocap.track._sequence import motion_of
 from jaxmocap.verdict import LostSpan, VerdictSettings, lost_spans
@@ -18,7 +18,7 @@ from jaxmocap.verdict._lost import FOREIGN, HIDDEN, JUMPING, LOST
 from jaxmocap.verdict._sequence_verdict import without_lost
 
 ENERGY = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
-PLAN = SearchPlan((Effort(2, 12),), particles=64)
+PLAN = SearchPlan(step=2, iterations=12, particles=64)
 SETTINGS = VerdictSettings()
 
 
