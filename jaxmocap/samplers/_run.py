@@ -1,7 +1,6 @@
 """The loop of a search: score what a sampler asks for, tell it, repeat."""
 
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,7 +11,6 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from ._base import AbstractSampler, AbstractState, StepInfo, finite_or_inf
 
 EnergyFunction = Callable[[Float[Array, "particle dof"]], Any]
-Stages = EnergyFunction | Sequence[tuple[EnergyFunction, int]]
 
 
 class SearchInfo(eqx.Module):
@@ -22,7 +20,7 @@ class SearchInfo(eqx.Module):
     mean: Float[Array, "dof"]
     mean_energy: Float[Array, ""]  # NaN for the answer "mean"
     deviation: Float[Array, "dof"]  # of the particles that formed the mean
-    best: Float[Array, "dof"]  # lowest energy seen in the last stage
+    best: Float[Array, "dof"]  # lowest energy seen
     best_energy: Float[Array, ""]
     steps: StepInfo
 
@@ -83,17 +81,6 @@ def _finish(sampler: AbstractSampler, progress: _Progress, rows: _Row) -> tuple[
     return answer, SearchInfo(energy, mean, mean_energy, deviation, progress.best, progress.best_energy, rows.step)
 
 
-def _plan(sampler: AbstractSampler, energy_fn: Stages) -> tuple[tuple[EnergyFunction, ...], tuple[int, ...]]:
-    """List the energies of the stages, and after how many sets each ends.
-
-    The last has one more where the mean is checked there.
-    """
-    stages = [(energy_fn, sampler.num_iterations)] if callable(energy_fn) else list(energy_fn)
-    energies, counts = zip(*stages, strict=True)
-    ends = list(itertools.accumulate(counts))
-    return energies, (*ends[:-1], ends[-1] + (sampler.answer != "mean"))
-
-
 class _Scouts(eqx.Module):
     """The candidates of a pool, N at a time, the last set filled up; the energies of those that were scored; how many
     there are, and how many are kept."""
@@ -130,7 +117,7 @@ class _Scouts(eqx.Module):
 @eqx.filter_jit
 def run(
     sampler: AbstractSampler,
-    energy_fn: Stages,
+    energy_fn: EnergyFunction,
     start: Float[Array, "dof"],
     spread: Float[Array, "dof"],
     lower: Float[Array, "dof"],
@@ -141,19 +128,16 @@ def run(
 ) -> tuple[Float[Array, "dof"], SearchInfo]:
     """Minimise `energy_fn` (particles (N, d) -> energies (N,)) over the box, in one compiled loop.
 
-    `energy_fn` may instead be a sequence of `(energy_fn, iterations)` stages, coarse to fine: the particles pass from
-    one stage to the next, but energies of different stages are never compared, so the best particle is that of the last
-    stage. Give an `eqx.Module` or a `jax.tree_util.Partial` as energy, so that new data does not compile again; a plain
+    Give an `eqx.Module` or a `jax.tree_util.Partial` as energy, so that new data does not compile again; a plain
     closure compiles once per function object, and energies computed on the host go through `jax.pure_callback`.
-    `population` holds extra initial particles, for a warm start; the best of a `pool`, by the energy of the first
-    stage, are such particles too.
+    `population` holds extra initial particles, for a warm start; the best of a `pool` are such particles too.
 
     With the answer `"best_if_better"` one set more than `num_iterations` is evaluated: its particle 0 is the estimate.
     """
-    energies_of, ends = _plan(sampler, energy_fn)
     scouts = None if pool is None else _Scouts.make(pool, sampler.num_particles)
     before = 0 if scouts is None else scouts.sets
-    sets, starts = ends[-1] + before, jnp.array(ends[:-1], jnp.int32)
+    steps = sampler.num_iterations + (sampler.answer != "mean")
+    sets = before + steps
 
     def key_of(number: int | Int[Array, ""]) -> PRNGKeyArray:
         """Derive a key by number.
@@ -168,30 +152,23 @@ def run(
 
     progress = begin(population, 0 if scouts is None else 2 * sets + 1)
 
-    def score(iteration: Int[Array, ""], particles: Float[Array, "particle dof"]) -> Float[Array, "particle"]:
-        """Score particles by their stage's energy, in one loop: what a sampler does with energies compiles once."""
-        stages = [lambda rows, energy=energy: energy(rows).astype(rows.dtype) for energy in energies_of]
-        return jax.lax.switch(jnp.sum(iteration >= starts), stages, particles)
-
     def step(carry, iteration: Int[Array, ""]):
         progress, scouts = carry
         number = iteration if scouts is None else iteration % sets  # steps before 0 come last
         asked, told = key_of(2 * number + 1), key_of(2 * number + 2)
-        best = jnp.where(jnp.any(iteration == starts), jnp.inf, progress.best_energy)
-        progress = eqx.tree_at(lambda p: p.best_energy, progress, best)
-        check = jnp.asarray(sampler.answer != "mean") & (iteration == ends[-1] - 1)
+        check = jnp.asarray(sampler.answer != "mean") & (iteration == steps - 1)
         particles = _propose(sampler, progress, asked, check)
         if scouts is None:
-            after, row = _learn(sampler, progress, particles, score(iteration, particles), told)
+            after, row = _learn(sampler, progress, particles, energy_fn(particles), told)
             return (after, None), row
         # The pool is scored by this very loop, in the steps before 0: the energy, which is large, compiles once.
         scouting, turn = iteration < 0, iteration + scouts.sets
         particles = jnp.where(scouting, scouts.candidates[jnp.minimum(turn, scouts.sets - 1)], particles)
-        energies = score(iteration, particles)
+        energies = energy_fn(particles)
         after, row = _learn(sampler, progress, particles, energies, told)
         scouts = scouts.told(turn, energies)
         begun = jax.lax.cond(iteration == -1, lambda: begin(scouts.best(population), 0), lambda: progress)
         return (jax.tree.map(lambda a, b: jnp.where(scouting, a, b), begun, after), scouts), row
 
-    (progress, _), rows = jax.lax.scan(step, (progress, scouts), jnp.arange(-before, sets - before))
+    (progress, _), rows = jax.lax.scan(step, (progress, scouts), jnp.arange(-before, steps))
     return _finish(sampler, progress, jax.tree.map(lambda leaf: leaf[before:], rows))

@@ -164,17 +164,6 @@ def test_mapping_over_keys_and_starts_equals_a_loop(sampler):
         np.testing.assert_allclose(alone, found, atol=2e-3)
 
 
-def test_stages_pass_particles_on_but_never_compare_their_energies(sampler):
-    def coarse(particles):
-        return Bowl(TARGET + 0.1)(particles) - 1000.0
-
-    found, info = searched(sampler, [(coarse, 4), (Bowl(TARGET), 8)])
-    assert info.best_energy >= 0
-    assert info.steps.beta.shape[0] == 12 + (sampler.answer != "mean")
-    assert jnp.linalg.norm(info.best - TARGET) < jnp.linalg.norm(TARGET)
-    assert jnp.all(jnp.isfinite(found))
-
-
 def test_other_numbers_and_other_data_do_not_compile_again(sampler):
     traces = []
 
