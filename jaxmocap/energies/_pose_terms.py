@@ -23,9 +23,11 @@ LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3} | dict.fro
 
 class LandmarkRays(eqx.Module):
     """Landmarks tied to the rays of 2D keypoints: `mix (row, landmark)` averages landmarks (the neck keypoint is the
-    middle of the shoulders). `scale` and `robust` in metres; rows of weight 0 are points that were not found."""
+    middle of the shoulders), which the detector sees `offsets` away, metres in the rest frame. `scale` and `robust` in
+    metres; rows of weight 0 are points that were not found."""
 
     mix: Float[Array, "row landmark"]
+    offsets: Float[Array, "landmark 3"]
     direction: Float[Array, "row 3"]
     moment: Float[Array, "row 3"]
     weight: Float[Array, "row"]
@@ -33,7 +35,12 @@ class LandmarkRays(eqx.Module):
     robust: Float[Array, ""]
 
     def __call__(self, character: Character, pose: Pose) -> Float[Array, "rows"]:
-        return self.of(landmark_positions(character.skeleton, pose))
+        return self.of(self.landmarks(character.skeleton, pose))
+
+    def landmarks(self, skeleton: Skeleton, pose: Pose) -> Float[Array, "landmark 3"]:
+        """Place the landmarks where the detector sees them, in the world."""
+        moved = eqx.tree_at(lambda s: s.landmarks, skeleton, skeleton.landmarks + self.offsets)
+        return landmark_positions(moved, pose)
 
     def of(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "rows"]:
         """Compute the residual of landmarks that stand here, in the world."""
@@ -54,22 +61,29 @@ def keypoint_rays(
     scale: float | Array = 0.02,
     robust: float | Array = 0.1,
     table: Mapping[int, tuple[str, ...]] = BODY_25,
+    offsets: Float[Array, "25 3"] | None = None,
 ) -> LandmarkRays:
     """Build a row for every keypoint of `table` in every view.
 
     x, y are pixels of the undistorted image, the third number is the detector's confidence and weighs the row (0: not
-    found). `scale` metres count as 1, beyond `robust` metres a point fades. Points whose landmarks the skeleton does
-    not have are left out.
+    found). `scale` metres count as 1, beyond `robust` metres a point fades. `offsets` lead from a point's landmark to
+    where the detector sees it (default: nowhere); a point between two landmarks has the mean of theirs. Points whose
+    landmarks the skeleton does not have are left out.
     """
     names = skeleton.landmark_names
     known = {index: parts for index, parts in table.items() if all(part in names for part in parts)}
     mix = np.array([[parts.count(name) / len(parts) for name in names] for parts in known.values()], np.float32)
     index = np.array(list(known))
     loose = jnp.array([LOOSE.get(point, 1.0) for point in known])
+    single = {parts[0]: point for point, parts in known.items() if len(parts) == 1}
+    shift = jnp.zeros((len(names), 3))
+    if offsets is not None and single:
+        shift = shift.at[np.array([names.index(name) for name in single])].set(offsets[np.array(list(single.values()))])
     cameras = keypoints.shape[0]
     lines = [rays(intrinsics[c], cam_from_world[c], keypoints[c, index, :2]) for c in range(cameras)]
     return LandmarkRays(
         jnp.tile(jnp.asarray(mix), (cameras, 1)),
+        shift,
         jnp.concatenate([direction for _, direction, _ in lines]),
         jnp.concatenate([moment for _, _, moment in lines]),
         (jnp.maximum(keypoints[:, index, 2], 0.0) * loose).reshape(-1),
@@ -99,10 +113,17 @@ class Keypoints(AbstractPoseTerm):
         return self._mean(self._rays(skeleton, frame), skeleton, pose)
 
     def _rays(self, skeleton: Skeleton, frame: FrameProblem) -> LandmarkRays:
-        return keypoint_rays(skeleton, frame.intrinsics, frame.cam_from_world, frame.keypoints, table=BODY_25 | FACE)
+        return keypoint_rays(
+            skeleton,
+            frame.intrinsics,
+            frame.cam_from_world,
+            frame.keypoints,
+            table=BODY_25 | FACE,
+            offsets=frame.keypoint_offsets,
+        )
 
     def _mean(self, lines: LandmarkRays, skeleton: Skeleton, pose: Pose) -> Float[Array, ""]:
-        square = jnp.sum(lines.distances(landmark_positions(skeleton, pose)) ** 2, -1)
+        square = jnp.sum(lines.distances(lines.landmarks(skeleton, pose)) ** 2, -1)
         return jnp.mean(lines.weight * square / (square + self.robust**2))
 
 

@@ -8,6 +8,7 @@ from ._cut_person import (
 from ._detections import (
     BODY_25 as BODY_25,
     FACE as FACE,
+    DetectorOffsets as DetectorOffsets,
     expected_keypoints as expected_keypoints,
     nearest_person as nearest_person,
     stacked_keypoints as stacked_keypoints,

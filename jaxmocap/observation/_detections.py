@@ -1,13 +1,14 @@
 """A detector's 2D keypoints: what they mean on our skeleton, and which of several people is ours."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from jaxmocap.camera import View, project
-from jaxmocap.character import Character, Pose, landmark_positions
+from jaxmocap.character import Character, Pose, Skeleton, body_transforms, landmark_positions
 
 BODY_25 = {
     0: ("nose",),
@@ -39,6 +40,9 @@ FARTHEST = 0.35
 """A person whose points lie farther than this share of our person's height from where they are expected (median) is
 somebody else."""
 
+FAR = 0.05
+"""A point that lies farther than this from where it is expected, metres, tells little of the detector's offset."""
+
 
 def stacked_keypoints(keypoints: Sequence[Float[np.ndarray, "25 3"] | None]) -> Float[np.ndarray, "camera 25 3"]:
     """Stack the keypoints of all views in one array; a view without a person has confidence 0 everywhere."""
@@ -68,3 +72,50 @@ def nearest_person(
         if distance.size and np.median(distance) < best:
             best, found = float(np.median(distance)), points
     return found
+
+
+class DetectorOffsets(NamedTuple):
+    """What frames have told of where a detector sees the landmarks: its hips are not the centres of the hip joints.
+
+    One offset per point, in the rest frame of the body that carries its landmark, by linear least squares over the rays
+    of all views and frames: `square` is the matrix of the normal equations, `slope` their right side. Only points that
+    are one landmark have one.
+    """
+
+    square: Float[np.ndarray, "25 3 3"]
+    slope: Float[np.ndarray, "25 3"]
+
+    @staticmethod
+    def start() -> "DetectorOffsets":
+        """Know nothing: every offset is 0, as sure as one ray makes it."""
+        return DetectorOffsets(np.tile(np.eye(3), (25, 1, 1)), np.zeros((25, 3)))
+
+    def learn(
+        self, skeleton: Skeleton, pose: Pose, view: View, keypoints: Float[np.ndarray, "camera 25 3"]
+    ) -> "DetectorOffsets":
+        """Learn from a frame whose pose is known. Points far off count little (Geman and McClure)."""
+        names = skeleton.landmark_names
+        single = {i: parts[0] for i, parts in (BODY_25 | FACE).items() if len(parts) == 1 and parts[0] in names}
+        points, rows = list(single), [names.index(name) for name in single.values()]
+        places = np.asarray(landmark_positions(skeleton, pose), np.float64)[rows]
+        turned = np.asarray(body_transforms(skeleton, pose), np.float64)[
+            [skeleton.landmark_bodies[row] for row in rows], :3, :3
+        ]
+        known, square, slope = self.metres()[points], self.square.copy(), self.slope.copy()
+        for seen, intrinsics, extrinsics in zip(keypoints, view.intrinsics, view.cam_from_world, strict=True):
+            rotation, shift = np.asarray(extrinsics, np.float64)[:3, :3], np.asarray(extrinsics, np.float64)[:3, 3]
+            pixels = np.append(seen[points, :2].astype(np.float64), np.ones((len(points), 1)), axis=1)
+            ray = np.linalg.solve(np.asarray(intrinsics, np.float64), pixels.T).T @ rotation
+            ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+            across = (np.eye(3) - ray[:, :, None] * ray[:, None, :]) @ turned  # an offset, seen along the ray
+            off = -rotation.T @ shift - places
+            off -= np.sum(ray * off, axis=1, keepdims=True) * ray
+            far = np.sum((off - np.einsum("pij,pj->pi", across, known)) ** 2, axis=1)
+            weight = np.maximum(seen[points, 2], 0) / (1 + far / FAR**2) ** 2
+            square[points] += weight[:, None, None] * np.swapaxes(across, 1, 2) @ across
+            slope[points] += weight[:, None] * np.einsum("pij,pi->pj", across, off)
+        return DetectorOffsets(square, slope)
+
+    def metres(self) -> Float[np.ndarray, "25 3"]:
+        """Return the offsets."""
+        return np.linalg.solve(self.square, self.slope[..., None])[..., 0]

@@ -14,7 +14,7 @@ from jaxmocap.capture import Capture, Detections
 from jaxmocap.character import Character, Pose, filled_up, skin
 
 from ._background import Background, BackgroundModel
-from ._detections import expected_keypoints, nearest_person, stacked_keypoints
+from ._detections import DetectorOffsets, expected_keypoints, nearest_person, stacked_keypoints
 from ._edges import background_edges
 from ._features import FeatureSettings
 from ._problem import Frame, FrameImages, FrameProblem, build_problem
@@ -104,8 +104,10 @@ class Observations:
         pose: Pose,
         background: Background,
         edges: EdgeSource = "canny",
+        detector: DetectorOffsets | None = None,
     ) -> tuple[Frame, Background]:
-        """Observe one frame as arrays, `pose` being the prediction, and what is known of the background with it."""
+        """Observe one frame as arrays, `pose` being the prediction, and what is known of the background with it; `detector`
+        is what is known of the detector."""
         vertices = np.asarray(skin(self.character, pose))
         labels = [
             np.asarray(label_image(self.appearance.palette, rectangle.crop(image, camera)))
@@ -124,6 +126,7 @@ class Observations:
             distances,
             [background_edges(distance) for distance in distances] if outline else None,
             self._detected(shown.frame, pose),
+            None if detector is None else detector.metres(),
         )
         return Frame(shown, rectangle, problem), background
 
@@ -132,6 +135,15 @@ class Observations:
     ) -> FrameProblem:
         """Observe one frame as arrays, by itself: its background is that of the selected frames."""
         return self.observe(shown, rectangle, pose, self.background.start(), edges)[0].problem
+
+    def detector(self) -> DetectorOffsets:
+        """Learn from the selected frames where the detector sees the landmarks."""
+        known = DetectorOffsets.start()
+        for frame, pose in sorted(self.key_poses.items()):
+            points = self._detected(frame, pose)
+            if points is not None:
+                known = known.learn(self.character.skeleton, pose, self.cameras.at(frame), points)
+        return known
 
     def _detected(self, frame: int, pose: Pose) -> Float[np.ndarray, "camera 25 3"] | None:
         """Choose the detections of the person whom `pose` predicts."""

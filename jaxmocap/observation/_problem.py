@@ -35,7 +35,8 @@ class FrameProblem(eqx.Module):
     `background` is psi_b of Eq. 3. `area` is M_1 of Eq. 6, the pixels of the tight rectangle: the
     arrays may be larger, so that a sequence compiles once. `depth_range` bounds the inverse depths (1/metres) that
     keys can tell apart. `keypoints` are x, y in pixels of the undistorted image and the confidence of a
-    detector's BODY_25 points, 0 where there is none.
+    detector's BODY_25 points, 0 where there is none; `keypoint_offsets` lead from the landmark that a point is to where the
+    detector sees it, metres in the rest frame of the body that carries it.
     """
 
     intrinsics: Float[Array, "camera 3 3"]
@@ -49,6 +50,7 @@ class FrameProblem(eqx.Module):
     edges: Edges
     surface: Surface
     keypoints: Float[Array, "camera 25 3"]
+    keypoint_offsets: Float[Array, "25 3"]
 
     @property
     def num_cameras(self) -> int:
@@ -86,6 +88,7 @@ class FrameProblem(eqx.Module):
             edges=Edges(self.edges.mask[pick], self.edges.gradient[pick]),
             surface=self.surface,
             keypoints=self.keypoints * jnp.array([1 / step, 1 / step, 1.0]) + jnp.array([shift, shift, 0.0]),
+            keypoint_offsets=self.keypoint_offsets,
         )
 
 
@@ -100,6 +103,7 @@ def build_problem(
     background: list[np.ndarray] | None = None,
     edges: list[tuple[np.ndarray, np.ndarray]] | None = None,
     keypoints: Float[np.ndarray, "camera 25 3"] | None = None,
+    keypoint_offsets: Float[np.ndarray, "25 3"] | None = None,
 ) -> FrameProblem:
     """Assemble the arrays of one frame. `vertices` (any pose near the answer) place the range of depths."""
     # arrays of the host by `device_put`: JAX 0.10 compiles a copy for every shape that `jnp.asarray` meets
@@ -126,6 +130,9 @@ def build_problem(
         surface=surface,
         keypoints=jax.device_put(
             np.zeros((len(crops), 25, 3), np.float32) if keypoints is None else np.asarray(keypoints, np.float32)
+        ),
+        keypoint_offsets=jax.device_put(
+            np.zeros((25, 3), np.float32) if keypoint_offsets is None else np.asarray(keypoint_offsets, np.float32)
         ),
     )
 

@@ -96,6 +96,7 @@ def detection_rays(
         scale=plan.scale,
         robust=plan.robust if robust is None else robust,
         table=BODY_25 | FACE,
+        offsets=problem.keypoint_offsets,
     )
 
 

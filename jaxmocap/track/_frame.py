@@ -74,6 +74,7 @@ class FrameTracker:
         """Take a registered pose as the answer of a frame, at which a sequence starts."""
         state = TrackingState(
             self.observations.background.start(),
+            detector=None if self.tracker.detections is None else self.observations.detector(),
             light=tuple(LightMeter.begin(image) for image in shown.images) if self.tracker.light else (),
             search=None if self.body_search is None else self.body_search.start(),
         )
@@ -116,7 +117,9 @@ class FrameTracker:
             if before is not None and before.size != rectangle.size:
                 free_programs()  # those of the smaller rectangle are not needed again and hold 100 to 250 MB each
             edges = self.tracker.refine.edges if self.tracker.refine is not None else "canny"
-            frame, background = self.observations.observe(shown, rectangle, pose, state.background, edges)
+            frame, background = self.observations.observe(
+                shown, rectangle, pose, state.background, edges, state.detector
+            )
             return frame, state._replace(rectangle=rectangle, background=background)
 
     def search(
@@ -165,8 +168,14 @@ class FrameTracker:
         between: tuple[FrameResult, ...] = ()
         if state.passed_over:
             between = tuple(poses_between(self.character.skeleton, state.passed_over, answer.pose))
+        detector = state.detector
+        if detector is not None and result.status == "ok":
+            view = self.observations.cameras.at(frame.number)
+            points = np.asarray(frame.problem.keypoints)
+            detector = detector.learn(self.character.skeleton, answer.pose, view, points)
         state = state._replace(
             background=background,
+            detector=detector,
             previous=shown,
             history=after(self.character.skeleton, before, shown.timestamp, answer.pose, self.tracker.angles),
             lost=result.status == "lost",

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from jaxmocap.motion import MotionHistory
-from jaxmocap.observation import Background, Frame, FrameImages, LightMeter, Rectangle
+from jaxmocap.observation import Background, DetectorOffsets, Frame, FrameImages, LightMeter, Rectangle
 from jaxmocap.search import SearchMemory
 from jaxmocap.verdict import FrameResult
 
@@ -25,6 +25,7 @@ class TrackingState(NamedTuple):
         rectangle: the last rectangle; sizes never shrink within a sequence.
         previous: images of the last frame that was tracked, in the light of the first.
         history: how the person has moved up to it; None before the first frame.
+        detector: where the detector sees the landmarks; None where no detections count.
         light: per camera the light so far; empty where the tracker leaves light alone.
         search: what the search remembers; None without a search.
         recent: the last frames, which the backward search may search again, oldest first.
@@ -36,6 +37,7 @@ class TrackingState(NamedTuple):
     rectangle: Rectangle | None = None
     previous: FrameImages | None = None
     history: MotionHistory | None = None
+    detector: DetectorOffsets | None = None
     light: tuple[LightMeter, ...] = ()
     search: SearchMemory | None = None
     recent: tuple[Tracked, ...] = ()
