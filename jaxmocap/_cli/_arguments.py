@@ -73,7 +73,7 @@ DetectionsFolder = Annotated[
     tyro.conf.arg(
         metavar="DIR",
         help="Let a detector's keypoints (files as the capture's may be) count beside the pixels.",
-        help_behavior_hint="(default: pixels only)",
+        help_behavior_hint="(default: the capture's, if it has them throughout)",
     ),
 ]
 DetectionsFrames = Annotated[

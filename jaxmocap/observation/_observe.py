@@ -106,8 +106,8 @@ class Observations:
         edges: EdgeSource = "canny",
         detector: DetectorOffsets | None = None,
     ) -> tuple[Frame, Background]:
-        """Observe one frame as arrays, `pose` being the prediction, and what is known of the background with it; `detector`
-        is what is known of the detector."""
+        """Observe one frame as arrays, and what is known of the background with it. `pose` is the prediction,
+        `detector` what is known of the detector."""
         vertices = np.asarray(skin(self.character, pose))
         labels = [
             np.asarray(label_image(self.appearance.palette, rectangle.crop(image, camera)))

@@ -35,8 +35,8 @@ class FrameProblem(eqx.Module):
     `background` is psi_b of Eq. 3. `area` is M_1 of Eq. 6, the pixels of the tight rectangle: the
     arrays may be larger, so that a sequence compiles once. `depth_range` bounds the inverse depths (1/metres) that
     keys can tell apart. `keypoints` are x, y in pixels of the undistorted image and the confidence of a
-    detector's BODY_25 points, 0 where there is none; `keypoint_offsets` lead from the landmark that a point is to where the
-    detector sees it, metres in the rest frame of the body that carries it.
+    detector's BODY_25 points, 0 where there is none; `keypoint_offsets` lead from the landmark that a point is to
+    where the detector sees it, metres in the rest frame of the body that carries it.
     """
 
     intrinsics: Float[Array, "camera 3 3"]

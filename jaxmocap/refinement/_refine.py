@@ -75,12 +75,12 @@ class DetectionPlan:
 
     Attributes:
         search: the term of the search energy.
-        scale: metres from a point's ray that count as 1 in the refinement.
+        scale: metres from a point's ray that count as 1 in the refinement, as for the contours of `normal`.
         robust: metres beyond which a point fades (Geman and McClure).
     """
 
     search: Keypoints = field(default_factory=Keypoints)
-    scale: float = 0.1
+    scale: float = 0.02
     robust: float = 0.05
 
 
