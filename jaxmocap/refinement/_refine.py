@@ -75,26 +75,26 @@ class DetectionPlan:
 
     Attributes:
         search: the term of the search energy.
-        scale: metres from a point's ray that count as 1 in the refinement, as for the contours of `normal`.
-        robust: metres beyond which a point fades (Geman and McClure).
+        weight: of a point's rows in the refinement, where those of a contour have `RefineWeights.contour`.
+        robust: metres beyond which a point fades there (Geman and McClure).
     """
 
     search: Keypoints = field(default_factory=Keypoints)
-    scale: float = 0.02
+    weight: float = 1.0
     robust: float = 0.05
 
 
 def detection_rays(
-    skeleton: Skeleton, problem: FrameProblem, plan: DetectionPlan, robust: float | None = None
+    skeleton: Skeleton, problem: FrameProblem, scale: float | Array, robust: float | Array
 ) -> LandmarkRays:
-    """Build the rows of a frame's detections."""
+    """Build the rows of a frame's detections: `scale` metres count as 1, beyond `robust` metres a point fades."""
     return keypoint_rays(
         skeleton,
         problem.intrinsics,
         problem.cam_from_world,
         problem.keypoints,
-        scale=plan.scale,
-        robust=plan.robust if robust is None else robust,
+        scale=scale,
+        robust=robust,
         table=BODY_25 | FACE,
         offsets=problem.keypoint_offsets,
     )
@@ -124,8 +124,7 @@ class Refinement:
         plan, skeleton, problem = self.plan, self.character.skeleton, frame.problem
         base = history.pose if history is not None else pose
         prior = self._motion_prior(base, history)
-        detections = self.detections
-        points = () if detections is None else (detection_rays(skeleton, problem, detections),)
+        points = () if self.detections is None else (self._detection_rows(problem, self.detections),)
         hessian = None
         for round_index in range(plan.rounds):
             rows = self.rows(frame, pose, max(1.0, plan.robust_start / 2.0**round_index))
@@ -133,6 +132,10 @@ class Refinement:
             delta, hessian = descend(self.character, base, delta, rows, points, prior, plan.refiner, steps=plan.steps)
             pose = retract(skeleton, base, delta)
         return pose, np.asarray(hessian) if hessian is not None else None
+
+    def _detection_rows(self, problem: FrameProblem, plan: DetectionPlan) -> LandmarkRays:
+        scale = self.plan.weights.residual_scale / np.sqrt(max(plan.weight, 1e-9))
+        return detection_rays(self.character.skeleton, problem, scale, plan.robust)
 
     def rows(self, frame: Frame, pose: Pose, widen: float = 1.0) -> tuple[Rows, ...]:
         """Associate the surface at a pose with the pictures: what the next step pulls at, and how the pictures of the

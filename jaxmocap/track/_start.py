@@ -9,7 +9,6 @@ from jaxmocap.character import Character, Pose, clamp, difference, nearest_equiv
 from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import Frame, FrameImages, Observations, Rectangle, build_problem, draw, frame_rectangle
 from jaxmocap.refinement import (
-    DetectionPlan,
     FlowSettings,
     Rows,
     descend,
@@ -26,8 +25,8 @@ from ._tracker import Tracker
 FLOW_ROBUST = (0.08, 0.03)
 """Geman-McClure scales of the flow start's rounds, metres."""
 
-ONTO_ROBUST, ONTO_STEPS = 0.3, 8
-"""Geman-McClure scale of the start from detections, metres, and its steps."""
+ONTO_SCALE, ONTO_ROBUST, ONTO_STEPS = 0.02, 0.3, 8
+"""The start from detections: metres that count as 1, Geman-McClure scale in metres, and steps."""
 
 
 def flow_start(
@@ -102,7 +101,7 @@ def best_start(
         ahead = retract(skeleton, history.pose, jnp.asarray(history.steps * history.increments[-1]))
         pose = _towards(score, frame, pose, clamp(skeleton, ahead))
     if tracker.detections is not None and bool((problem.keypoints[..., 2] > 0).any()):
-        pose = _towards(score, frame, pose, _onto_detections(character, frame, pose, tracker.detections))
+        pose = _towards(score, frame, pose, _onto_detections(character, frame, pose))
     return pose
 
 
@@ -119,10 +118,10 @@ def _towards(score: PoseScore, frame: Frame, pose: Pose, goal: Pose) -> Pose:
     return candidates[int(np.argmin(np.append(totals, last)))]
 
 
-def _onto_detections(character: Character, frame: Frame, pose: Pose, plan: DetectionPlan) -> Pose:
+def _onto_detections(character: Character, frame: Frame, pose: Pose) -> Pose:
     """Bring the pose to the detections' rays by a few steps of inverse kinematics."""
     skeleton = character.skeleton
-    points = (detection_rays(skeleton, frame.problem, plan, robust=ONTO_ROBUST),)
+    points = (detection_rays(skeleton, frame.problem, ONTO_SCALE, ONTO_ROBUST),)
     prior = free_prior(character, pose, 0.05)
     start = jnp.zeros(skeleton.num_dofs)
     delta, _ = descend(character, pose, start, (), points, prior, Shooting(), steps=ONTO_STEPS)

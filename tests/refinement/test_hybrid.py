@@ -68,7 +68,7 @@ def test_detections_are_rows_of_the_refinement(world, tmp_path):
     start, shown, rectangle = perturbed(world, 1, 8.0, kind="limbs"), world.shown(1), world.rectangle(1)
     frame = Frame(shown, rectangle, observations.problem(shown, rectangle, start))
     errors = []
-    for detections in (None, DetectionPlan(scale=0.02)):
+    for detections in (None, DetectionPlan(weight=25.0)):
         refinement = Refinement(observations, RefinePlan(rounds=3), detections=detections)
         pose, _ = refinement(frame, start, None)
         errors.append(vertex_errors(world, 1, pose).mean())

@@ -15,10 +15,10 @@ NORMAL = Tracker.preset("normal")
 
 
 def test_a_plan_that_is_off_is_turned_on_and_changed_by_name():
-    hybrid = with_settings(NORMAL, {"detections": "on", "detections.search.weight": "3", "detections.scale": "0.2"})
+    hybrid = with_settings(NORMAL, {"detections": "on", "detections.search.weight": "3", "detections.weight": "0.2"})
     assert NORMAL.detections is None
     assert float(hybrid.detections.search.weight) == 3
-    assert hybrid.detections.scale == 0.2
+    assert hybrid.detections.weight == 0.2
 
 
 def test_parts_are_switched_off_and_on():
