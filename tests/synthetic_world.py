@@ -8,7 +8,7 @@ import json
 import os
 import pickle
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -119,9 +119,13 @@ class World:
         """The frame as the tracker sees it when its prediction is right."""
         return _problem(self, frame)
 
-    def frame(self, frame: int, shown: FrameImages | None = None) -> Frame:
-        """The same with its images, or others."""
-        return Frame(self.shown(frame) if shown is None else shown, self.rectangle(frame), self.problem(frame))
+    def frame(self, frame: int, shown: FrameImages | None = None, observations: Observations | None = None) -> Frame:
+        """The same with its images, or others; with a tracker's `observations` it has their table of colours, so that
+        all tests of tracking share their programs."""
+        problem = self.problem(frame)
+        if observations is not None:
+            problem = replace(problem, surface=observations.surface)
+        return Frame(self.shown(frame) if shown is None else shown, self.rectangle(frame), problem)
 
     def masks(self, frame: int) -> np.ndarray:
         """The true masks in the rectangle."""
