@@ -7,7 +7,8 @@ would; the problems of single frames are made of the images before compression.
 import json
 import os
 import pickle
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -144,6 +145,17 @@ def shared_world(factory: pytest.TempPathFactory) -> World:
     return _world(base.parent if "PYTEST_XDIST_WORKER" in os.environ else base)
 
 
+@contextmanager
+def _optimised() -> Iterator[None]:
+    """Programs as for users: to cluster colours takes far longer than to compile it, whichever file asks first."""
+    before = jax.config.jax_disable_most_optimizations
+    jax.config.update("jax_disable_most_optimizations", False)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_disable_most_optimizations", before)
+
+
 @cache
 def _world(base: Path) -> World:
     folder, learnt = base / "synthetic_world", base / "synthetic_world.pickle"
@@ -153,7 +165,8 @@ def _world(base: Path) -> World:
             capture = Capture.open(write_capture(truth, folder))
             poses = {frame: truth.pose(frame) for frame in truth.selected_frames}
             key = jax.random.key(0)
-            appearance = fit_capture_appearance(capture, truth.cameras, truth.character, poses, key=key)
+            with _optimised():
+                appearance = fit_capture_appearance(capture, truth.cameras, truth.character, poses, key=key)
             learnt.write_bytes(pickle.dumps((truth, appearance)))
     truth, appearance = pickle.loads(learnt.read_bytes())
     return World(truth, Capture.open(folder), appearance)

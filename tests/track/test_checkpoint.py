@@ -9,12 +9,14 @@ import pytest
 from jaxmocap._cache import digest
 from jaxmocap._results import InputError
 from jaxmocap.appearance import AppearanceSettings
+from jaxmocap.energies import search_energy
 from jaxmocap.observation import Observations
 from jaxmocap.track import Checkpoint, Tracker, _checkpoint, track, track_frames
 from jaxmocap.track._checkpoint import Saved
 
 KEY = jax.random.key(3)
 INPUTS = {"seed": 3, "settings": "these"}
+ENERGY = search_energy(uncovered_scale=4.0, step=2, sampling="nearest", fail="ignore", outside="ignore")
 
 
 class CutOff(Exception):
@@ -22,8 +24,8 @@ class CutOff(Exception):
 
 
 def tracker():
-    """Everything that remembers something, with little effort."""
-    normal = Tracker.preset("normal")
+    """Everything that remembers something, with little effort, and the energy of the other tests of tracking."""
+    normal = replace(Tracker.preset("normal"), search_energy=ENERGY)
     few = replace(normal.search.retry, tries=1)
     search = replace(normal.search, step=4, iterations=3, particles=24, retry=few)
     return replace(normal, search=search, refine=replace(normal.refine, rounds=1))
@@ -143,7 +145,7 @@ def test_a_start_that_is_given_leaves_the_observations_as_they_were(world):
     known, arm = observations(world), np.array(world.character.skeleton.group("l_arm")) - 6
     before, pose = digest(known.key_poses), world.pose(0)
     start = replace(pose, angles=pose.angles.at[arm].add(0.05))
-    quick = replace(tracker(), search=None, refine=None, backward_search=None, clip=None)
+    quick = Tracker(ENERGY, search=None, refine=None, flow_start=False)
     given, again, plain = (track(known, begin, quick, key=KEY, frames=(0, 2)) for begin in (start, start, None))
     assert digest(known.key_poses) == before
     assert given.angles.tobytes() == again.angles.tobytes()
