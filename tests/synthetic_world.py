@@ -148,7 +148,7 @@ def shared_world(factory: pytest.TempPathFactory) -> World:
 @contextmanager
 def _optimised() -> Iterator[None]:
     """Programs as for users: to cluster colours takes far longer than to compile it, whichever file asks first."""
-    before = jax.config.jax_disable_most_optimizations
+    before = jax.config.read("jax_disable_most_optimizations")
     jax.config.update("jax_disable_most_optimizations", False)
     try:
         yield

@@ -13,7 +13,7 @@ from jaxmocap.character import difference, retract
 from jaxmocap.energies import ModelView, Posture, SearchEnergy, Silhouette, ViewView, search_energy, soft_score
 from jaxmocap.render import SoftSettings
 
-BOUNDS = (4096, 16384, 40960)
+BOUNDS = (3072, 10240, 28672)
 SETTINGS = SoftSettings(1.0, 12, *BOUNDS)
 ALL = SearchEnergy(
     (
