@@ -22,11 +22,11 @@ SINGLE_FUNCTIONS = {
 """Folders of tests. Not of the rasterisers, whose drivers are held against each other bit by bit."""
 
 SHORT_RUNS = {
-    *("test_any_sampler", "test_colour_model", "test_descend", "test_doctor", "test_doubts", "test_hybrid"),
-    *("test_inverse_kinematics", "test_surface_flow"),
+    *("test_any_sampler", "test_colour_model", "test_descend", "test_doctor", "test_doubts", "test_filled_mesh"),
+    *("test_hybrid", "test_inverse_kinematics", "test_keys", "test_soft_faces", "test_surface_flow"),
 }
-"""Files of tests beside these that run for a moment what takes long to compile; not of the rasterisers either: files of
-a folder share programs."""
+"""Files of tests beside these that run for a moment what takes long to compile; of the rasterisers only the soft one,
+for the other files of that folder share programs."""
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # a worker has a core: more would wait for one another
     os.environ.setdefault(_threads, "1")

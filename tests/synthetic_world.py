@@ -7,8 +7,9 @@ would; the problems of single frames are made of the images before compression.
 import json
 import os
 import pickle
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -119,9 +120,13 @@ class World:
         """The frame as the tracker sees it when its prediction is right."""
         return _problem(self, frame)
 
-    def frame(self, frame: int, shown: FrameImages | None = None) -> Frame:
-        """The same with its images, or others."""
-        return Frame(self.shown(frame) if shown is None else shown, self.rectangle(frame), self.problem(frame))
+    def frame(self, frame: int, shown: FrameImages | None = None, observations: Observations | None = None) -> Frame:
+        """The same with its images, or others; with a tracker's `observations` it has their table of colours, so that
+        all tests of tracking share their programs."""
+        problem = self.problem(frame)
+        if observations is not None:
+            problem = replace(problem, surface=observations.surface)
+        return Frame(self.shown(frame) if shown is None else shown, self.rectangle(frame), problem)
 
     def masks(self, frame: int) -> np.ndarray:
         """The true masks in the rectangle."""
@@ -140,6 +145,17 @@ def shared_world(factory: pytest.TempPathFactory) -> World:
     return _world(base.parent if "PYTEST_XDIST_WORKER" in os.environ else base)
 
 
+@contextmanager
+def _optimised() -> Iterator[None]:
+    """Programs as for users: to cluster colours takes far longer than to compile it, whichever file asks first."""
+    before = jax.config.read("jax_disable_most_optimizations")
+    jax.config.update("jax_disable_most_optimizations", False)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_disable_most_optimizations", before)
+
+
 @cache
 def _world(base: Path) -> World:
     folder, learnt = base / "synthetic_world", base / "synthetic_world.pickle"
@@ -149,7 +165,8 @@ def _world(base: Path) -> World:
             capture = Capture.open(write_capture(truth, folder))
             poses = {frame: truth.pose(frame) for frame in truth.selected_frames}
             key = jax.random.key(0)
-            appearance = fit_capture_appearance(capture, truth.cameras, truth.character, poses, key=key)
+            with _optimised():
+                appearance = fit_capture_appearance(capture, truth.cameras, truth.character, poses, key=key)
             learnt.write_bytes(pickle.dumps((truth, appearance)))
     truth, appearance = pickle.loads(learnt.read_bytes())
     return World(truth, Capture.open(folder), appearance)

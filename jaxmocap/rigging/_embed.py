@@ -99,8 +99,8 @@ def _different(found: list[Guess]) -> list[Guess]:
     kept: list[Guess] = []
     for guess in found:
         same = (
-            np.allclose(guess.start.angles, other.start.angles)
-            and np.trace(_rotation(guess) @ _rotation(other).T) > 1 + 2 * np.cos(np.radians(15.0))
+            np.trace(_rotation(guess) @ _rotation(other).T) > 1 + 2 * np.cos(np.radians(15.0))
+            and np.allclose(guess.start.angles, other.start.angles)
             for other in kept
         )
         if not any(same):

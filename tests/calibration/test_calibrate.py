@@ -13,7 +13,7 @@ from moving_cameras import centres_of
 
 from jaxmocap._cli import run
 from jaxmocap._results import InputError
-from jaxmocap.calibration import calibrate
+from jaxmocap.calibration import _calibrate, calibrate
 from jaxmocap.calibration._child import run_worker
 from jaxmocap.calibration._footage import footage_of
 from jaxmocap.calibration._matching import match_key_frames
@@ -52,8 +52,10 @@ def refused(arguments: list[object], capsys) -> str:
     return sentences[0]
 
 
-def test_a_filmed_square_is_calibrated_in_place(square, capsys):
-    """The only whole run among the quick tests."""
+def test_a_filmed_square_is_calibrated_in_place(square, capsys, monkeypatch):
+    """The only whole run among the quick tests, with fewer features than are looked for by default."""
+    few = lambda *job: replace(footage_of(*job), num_features=1500)  # noqa: E731
+    monkeypatch.setattr(_calibrate, "footage_of", few)
     before = files_of(square)
     assert run(["calibrate", str(square), "--camera-distance", str(distance()), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)

@@ -52,22 +52,24 @@ def score_in(
     problem: FrameProblem,
     increments: Array,
     driver: Driver | None = None,
+    live: Array | None = None,
 ) -> tuple[Scores, Base]:
     group = GroupProblem(character, part, pose, problem)
     base = prepare_base(energy, group, CAPACITY)
-    return score_particles(energy, group, base, increments, CAPACITY, driver), base
+    return score_particles(energy, group, base, increments, CAPACITY, driver, live), base
 
 
 def score(world, increments, energy: SearchEnergy | None = None) -> dict[str, np.ndarray]:
-    """Terms of increments of the true pose, the whole body drawn anew."""
+    """Terms of increments of the true pose, the whole body drawn anew; what fills up the shape is not scored."""
     increments = np.asarray(increments, np.float32)
     assert len(increments) <= PARTICLES
     padded = np.zeros((PARTICLES, 39), np.float32)
     padded[: len(increments)] = increments
+    live = jnp.arange(PARTICLES) < len(increments)
     character, problem = world.character, world.problem(FRAME)
     part = body_part(character, character.skeleton.group("root"))
     energy = energy_of(world) if energy is None else energy
-    scores, _ = score_in(energy, character, part, world.pose(FRAME), problem, jnp.asarray(padded))
+    scores, _ = score_in(energy, character, part, world.pose(FRAME), problem, jnp.asarray(padded), None, live)
     assert int(scores.needed) <= CAPACITY
     terms = np.asarray(scores.terms)[: len(increments)]
     return dict(zip(TERMS, terms.T, strict=True)) | {"total": np.asarray(scores.total)[: len(increments)]}

@@ -142,5 +142,6 @@ def test_shares_follow_every_vertex_of_the_outline():
         return 0.5 * jnp.abs((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
 
     points = jnp.asarray(corners, jnp.float32)
-    assert float(covered(points)) == pytest.approx(float(area(points)), rel=1e-4)
-    np.testing.assert_allclose(jax.grad(covered)(points), jax.grad(area)(points), rtol=2e-3, atol=2.0)
+    (value, slope), (expected, along) = (jax.value_and_grad(each)(points) for each in (covered, area))
+    assert float(value) == pytest.approx(float(expected), rel=1e-4)
+    np.testing.assert_allclose(slope, along, rtol=2e-3, atol=2.0)

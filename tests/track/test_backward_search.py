@@ -1,7 +1,5 @@
 """A limb lost in one frame and seen in the next is found by looking back."""
 
-from dataclasses import replace
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -52,8 +50,8 @@ def looked_back(world, poses, settings=BackwardSearch()):
     tracker = FrameTracker(world.observations(), plain, jax.random.key(0))
     state, found = tracker.first(world.shown(0), poses[0]).state._replace(recent=(), history=None), []
     for number, pose in enumerate(poses):
-        answer, frame = Answer(pose, np.zeros(tracker.character.skeleton.num_dofs)), world.frame(number)
-        frame = frame._replace(problem=replace(frame.problem, surface=tracker.observations.surface))
+        answer = Answer(pose, np.zeros(tracker.character.skeleton.num_dofs))
+        frame = world.frame(number, observations=tracker.observations)
         step = tracker.judge(state, frame, answer, Clock())
         state = step.state
         found.append(step.result)

@@ -37,7 +37,8 @@ def moved(world, **degrees):
 def started(world, tracker, pose, step):
     past = MotionHistory(world.shown(FRAME - 1).timestamp, pose, (np.asarray(step),))
     registered = tracker.observations.key_poses.get(FRAME)
-    return best_start(tracker.score, tracker.tracker, world.frame(FRAME), pose, past, registered)
+    frame = world.frame(FRAME, observations=tracker.observations)
+    return best_start(tracker.score, tracker.tracker, frame, pose, past, registered)
 
 
 @pytest.mark.slow

@@ -22,10 +22,15 @@ def body_search(world, retry):
     return FrameTracker(world.observations(), Tracker(energy, plan, refine=None), jax.random.key(0)).body_search
 
 
+def filmed(world):
+    """The frame as the tracker has it, with the colours of the filled up mesh."""
+    return world.frame(FRAME, observations=world.observations().filled_up())
+
+
 def searched_again(world, retry, usual=0.0, last_seen=None, before=0):
     """A start with a hidden arm, and where the search comes from there; its limbs were searched again in so many frames
     `before`."""
-    search, start, frame = body_search(world, retry), moved(world, FRAME, **BEHIND), world.frame(FRAME)
+    search, start, frame = body_search(world, retry), moved(world, FRAME, **BEHIND), filmed(world)
     memory = search.start()._replace(searched_again=np.full(4, before), uncovered=(usual,), last_seen=(last_seen,) * 4)
     assert search.evidence.limb_shares(search.evidence.draw(start, frame.problem))[0] < 0.2
     return start, search_again(search, None, retry, frame, start, start, None, memory)[0]
@@ -72,7 +77,7 @@ def test_a_hidden_limb_gives_way_to_one_that_is_seen(world, rise, worse, asks, m
         asked.append(pose)
         return (wrong if worse == ("hidden", "seen")[len(asked) - 1] else shown), None
 
-    retry, frame = Retry(), world.frame(FRAME)
+    retry, frame = Retry(), filmed(world)
     search, poses = body_search(world, retry), [hidden, shown, shown]
     taken = _search_again._shown(search, refinement, retry, 0, frame, poses, totals, None)
     assert len(asked) == 2 * asks
@@ -101,7 +106,7 @@ def test_limbs_of_the_frame_before_take_turns(world, begun, before, begins):
 
 
 def test_a_limb_that_was_left_alone_has_all_its_searches_again(world, begun):
-    search, frame = body_search(world, Retry()), world.frame(FRAME)
+    search, frame = body_search(world, Retry()), filmed(world)
     counts, memory = [], search.start()
     for pose in (moved(world, FRAME, **BEHIND),) * 2 + (world.pose(FRAME), moved(world, FRAME, **BEHIND)):
         begun.clear()

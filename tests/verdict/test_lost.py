@@ -24,7 +24,7 @@ SETTINGS = VerdictSettings()
 
 @pytest.fixture(scope="module")
 def true_results(world):
-    tracker = FrameTracker(world.observations(), Tracker(search=None, refine=None), jax.random.key(0))
+    tracker = FrameTracker(world.observations(), Tracker(ENERGY, search=None, refine=None), jax.random.key(0))
     return [tracker.first(world.shown(frame), world.pose(frame)).result for frame in range(3)]
 
 
