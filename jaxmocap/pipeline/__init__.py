@@ -8,7 +8,7 @@ from ._defaults import (
     with_person_masks as with_person_masks,
     with_selected_frames as with_selected_frames,
 )
-from ._detect import DETECTION_REPORT as DETECTION_REPORT, FoundKeypoints as FoundKeypoints, detect as detect
+from ._detect import FoundKeypoints as FoundKeypoints, detect as detect
 from ._doctor import (
     EXTRAS as EXTRAS,
     WARMED as WARMED,
@@ -16,6 +16,7 @@ from ._doctor import (
     doctor as doctor,
     warm_up as warm_up,
 )
+from ._keypoint_store import DETECTION_REPORT as DETECTION_REPORT
 from ._made_to_measure import MadeBody as MadeBody, character_of as character_of, no_actor as no_actor
 from ._register_and_learn import (
     Prepared as Prepared,

@@ -19,7 +19,8 @@ from jaxmocap.rigging import open_actor
 
 from ._calibrate import calibrate
 from ._defaults import with_selected_frames
-from ._detect import DETECTION_REPORT, detect
+from ._detect import detect
+from ._keypoint_store import DETECTION_REPORT
 from ._made_to_measure import character_of
 from ._run_inputs import RunInputs
 from ._run_options import span_within
