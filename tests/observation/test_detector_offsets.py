@@ -14,7 +14,8 @@ from jaxmocap.capture import Detections
 from jaxmocap.energies import keypoint_rays
 from jaxmocap.observation import DetectorOffsets
 from jaxmocap.refinement import DetectionPlan
-from jaxmocap.track import FrameTracker, Tracker
+from jaxmocap.track import Checkpoint, FrameTracker, Tracker
+from jaxmocap.track._checkpoint import Saved
 
 FRAME = 1
 ROWS = sorted(POINTS.values())
@@ -85,7 +86,7 @@ def test_rays_with_the_offsets_have_no_residual_at_the_pose(world, poses, offset
     assert furthest(offsets=jnp.asarray(offsets)) < 2e-4
 
 
-def test_the_tracker_learns_from_selected_frames_and_from_those_it_trusts(world, tmp_path, offsets):
+def test_the_tracker_learns_from_selected_frames_and_those_it_trusts_and_keeps_it(world, tmp_path, offsets):
     folder = world.write_keypoints(tmp_path / "keypoints", range(3))
     observations = world.observations(Detections.open(world.capture, folder))
     tracker = Tracker(search=None, refine=None, detections=DetectionPlan())
@@ -94,5 +95,10 @@ def test_the_tracker_learns_from_selected_frames_and_from_those_it_trusts(world,
     selected = observations.detector()
     assert np.abs(selected.metres()).max() < 1e-4  # these keypoints are without error
     assert (np.trace(first.detector.square, axis1=1, axis2=2) > np.trace(selected.square, axis1=1, axis2=2))[ROWS].all()
+    checkpoint = Checkpoint(tmp_path / "kept")
+    checkpoint.save(Saved({}, 0, 0, first, worker.sizes()), observations)
+    again = Checkpoint(tmp_path / "kept").load(observations).state.detector
+    np.testing.assert_array_equal(again.square, first.detector.square)
+    np.testing.assert_array_equal(again.slope, first.detector.slope)
     photometric = FrameTracker(world.observations(), Tracker(search=None, refine=None), jax.random.key(0))
     assert photometric.first(world.shown(0), world.pose(0)).state.detector is None
