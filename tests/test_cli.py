@@ -185,8 +185,6 @@ def test_detections_that_cannot_be_used_are_refused(film, tmp_path, capsys):
     assert "hold no file of capture" in refused([*start, "--detections", tmp_path / "empty"], capsys)
     assert "--detections-frames" in refused([*start, "--detections-frames", "3"], capsys)
     assert "name their folder with --detections" in refused([*start, "--detections-frames", "0:2"], capsys)
-    both = [*start, "--detections", film / "keypoints", "--photometric"]
-    assert "--photometric and --detections are given, which exclude each other" in refused(both, capsys)
     assert not (tmp_path / "out").exists()
 
 

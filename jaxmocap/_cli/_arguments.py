@@ -73,7 +73,7 @@ DetectionsFolder = Annotated[
     tyro.conf.arg(
         metavar="DIR",
         help="Let a detector's keypoints (files as the capture's may be) count beside the pixels.",
-        help_behavior_hint="(default: the capture's, if it has them throughout)",
+        help_behavior_hint="(default: pixels only)",
     ),
 ]
 DetectionsFrames = Annotated[

@@ -46,12 +46,6 @@ def track(
     height: Height = None,
     detections: DetectionsFolder = None,
     detections_frames: DetectionsFrames = None,
-    photometric: Annotated[
-        bool,
-        tyro.conf.arg(
-            help_behavior_hint="", help="Track by the pixels alone, though the capture has keypoints throughout."
-        ),
-    ] = False,
     overlays: Annotated[bool, tyro.conf.arg(help_behavior_hint="", help="Leave out the overlay videos.")] = True,
     resume: Annotated[
         bool, tyro.conf.arg(help_behavior_hint="", help="Go on with the unfinished run in DIR; the result is the same.")
@@ -88,7 +82,6 @@ def track(
             find_masks=find_masks,
             detections=detections,
             detections_frames=None if detected is None else range(*detected),
-            photometric=photometric,
             say=say,
             resume=resume,
             cache=cache,

@@ -1,12 +1,10 @@
-"""What nobody says about a run: the selected frames, where the person is in them, and whether keypoints count."""
+"""What a capture does not say about its selected frames: which they are, and where the person is in them."""
 
-from collections.abc import Callable, Collection
-from pathlib import Path
+from collections.abc import Callable
 
 from jaxtyping import PRNGKeyArray
 
-from jaxmocap._results import InputError
-from jaxmocap.capture import Capture, Detections, choose_frames
+from jaxmocap.capture import Capture, choose_frames
 from jaxmocap.character import Character
 from jaxmocap.registration import Overrides, PersonMask, PersonMasks, SegmentationSettings, masks_of, segment_person
 
@@ -14,9 +12,6 @@ MaskRecord = dict[str, dict[str, dict]]
 """Frame -> camera -> where the mask comes from and how sure it is, as reports hold it."""
 
 _SETTINGS = SegmentationSettings()
-
-_ENOUGH = 0.5
-"""The share of the frames to track, selected ones aside, above which a camera's keypoints count unasked."""
 
 
 def with_selected_frames(
@@ -41,29 +36,6 @@ def with_selected_frames(
             f"{'is' if len(numbers) == 1 else 'are'} used: {chosen.reason}."
         )
     return complete, {"frames": numbers, "source": "chosen", "reason": chosen.reason}
-
-
-def chosen_detections(
-    capture: Capture,
-    folder: str | Path | None,
-    frames: Collection[int] | None,
-    span: tuple[int, int] | None,
-    unasked: bool,
-    say: Callable[[str], None] | None = None,
-) -> Detections | None:
-    """Choose the keypoints that count beside the pixels: those in `folder`, in `frames`, or else, where they may count
-    `unasked`, the capture's own, if every camera has them at most frames in `span` that are not selected ones."""
-    if folder is not None:
-        return Detections.open(capture, folder, frames)
-    if frames is not None:
-        raise InputError("frames for detections are given, but no detections; name their folder with --detections.")
-    others = set(range(*(span or (0, capture.num_frames)))) - set(capture.selected_frames or ())
-    least = min(len(others & set(capture.keypoint_frames(camera))) for camera in range(capture.num_cameras))
-    if not unasked or capture.keypoints_folder is None or least <= _ENOUGH * len(others):
-        return None
-    if say is not None:
-        say(f"Capture '{capture.name}' has keypoints throughout: they count beside the pixels (not so: --photometric).")
-    return Detections.open(capture, capture.keypoints_folder)
 
 
 def _own_numbers(capture: Capture) -> list[int]:

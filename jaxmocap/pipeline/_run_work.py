@@ -202,7 +202,6 @@ class RunWork(RunInputs):
             frames=span_within(options.frames, capture.num_frames),
             progress=self.progress,
             detections=capture.keypoints_folder if options.detections else None,
-            photometric=not options.detections,
             say=lambda sentence: self.say(sentence.replace(" with --resume", "")),  # a run goes on by itself
             resume=True,
         )

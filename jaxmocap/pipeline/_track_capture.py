@@ -23,7 +23,7 @@ from jaxmocap._files import write_json
 from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
 from jaxmocap._types import Quality
-from jaxmocap.capture import Capture, content_hash, path_hash
+from jaxmocap.capture import Capture, Detections, content_hash, path_hash
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion
 from jaxmocap.observation import observe
@@ -34,7 +34,7 @@ from jaxmocap.track import Checkpoint, Tracker, motion_of, track_frames, with_se
 from jaxmocap.verdict import FrameResult
 from jaxmocap.viewers import REPORT_PAGE, overlay_videos, report_page
 
-from ._defaults import MaskRecord, chosen_detections, mask_record, say_doubts, with_selected_frames
+from ._defaults import MaskRecord, mask_record, say_doubts, with_selected_frames
 from ._made_to_measure import character_of
 from ._register_and_learn import Prepared, register_and_learn
 from ._run_folder import finished, run_folder
@@ -105,7 +105,6 @@ def track_capture(
     find_masks: bool = True,
     detections: str | Path | None = None,
     detections_frames: Collection[int] | None = None,
-    photometric: bool = False,
     say: Callable[[str], None] | None = None,
     resume: bool = False,
     cache: bool = True,
@@ -119,8 +118,7 @@ def track_capture(
     name (`with_settings`). Selected frames that the capture does not name are chosen, and masks it does not have are
     found (unless `find_masks` is off); the report says so, and `say` is told at once, also when a mask is doubtful.
     With `detections`, a folder of a detector's files, keypoints count beside the pixels, in `detections_frames` or
-    everywhere. Without, the capture's own do, if it has them throughout (`chosen_detections`); not with `photometric`,
-    a `tracker`, or the quality "paper".
+    everywhere.
 
     A run that fails or is killed leaves the frames it has done in `out`, and with `resume` the same call goes on from
     there to the same `motion.npz`, byte for byte; a run that is finished is read. Without frames it leaves nothing.
@@ -140,14 +138,11 @@ def track_capture(
     )
     character = made_body.character
     overrides = read_pose_file(pose_file) if pose_file is not None else None
-    if photometric and detections is not None:
-        raise InputError(
-            "both --photometric and --detections are given, which exclude each other; leave one of them out."
-        )
-    unasked = not photometric and tracker is None and quality != "paper"
-    points = chosen_detections(capture, detections, detections_frames, frames, unasked, say)
+    if detections is None and detections_frames is not None:
+        raise InputError("frames for detections are given, but no detections; name their folder with --detections.")
+    found_points = None if detections is None else Detections.open(capture, detections, detections_frames)
     tracker = Tracker.preset(quality) if tracker is None else tracker
-    if points is not None and tracker.detections is None:
+    if found_points is not None and tracker.detections is None:
         tracker = replace(tracker, detections=DetectionPlan())
     tracker = with_settings(tracker, settings or {})
     inputs = {
@@ -164,7 +159,7 @@ def track_capture(
     run_inputs = inputs | {
         "settings": digest(tracker),
         "span of frames": None if frames is None else list(frames),
-        "set of detections": None if points is None else path_hash(points.folder),
+        "set of detections": None if detections is None else path_hash(Path(detections)),
         "choice of frames with detections": None if detections_frames is None else sorted(detections_frames),
     }
     if resume and finished(out):
@@ -191,7 +186,7 @@ def track_capture(
         say_doubts(capture, made.masks, say)
         capture = capture.with_masks(masks_of(made.masks))
         cameras = capture.cameras
-        observations = observe(capture, cameras, character, made.appearance, made.registrations, points)
+        observations = observe(capture, cameras, character, made.appearance, made.registrations, found_points)
         prepared = time.perf_counter()
         if not checkpoint.exists:
             tell("track", 0, capture.num_frames if frames is None else frames[1] - frames[0])
@@ -218,7 +213,7 @@ def track_capture(
             "actor": None if made_body.record else str(Path(actor or capture.actor or "").resolve()),
             **({"body": made_body.record} if made_body.record else {}),
             "quality": quality,
-            "detections": None if points is None else str(points.folder.resolve()),
+            "detections": None if detections is None else str(Path(detections).resolve()),
             "detections_frames": None if detections_frames is None else sorted(detections_frames),
             "settings": {name: str(value) for name, value in (settings or {}).items()},
             "seed": seed,
