@@ -40,6 +40,7 @@ from ._kinematics import (
     blend as blend,
     body_transforms as body_transforms,
     landmark_positions as landmark_positions,
+    offset_landmarks as offset_landmarks,
     points_and_jacobian as points_and_jacobian,
     skin as skin,
     taylor_skin as taylor_skin,

@@ -1,7 +1,7 @@
 """Forward kinematics and skinning (Eqs 1 and 2), their derivative by the increment, and the Taylor update (Eq. 4)."""
 
 from collections.abc import Iterable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import jax
@@ -95,6 +95,17 @@ def landmark_positions(skeleton: Skeleton, pose: Pose) -> Float[Array, "landmark
     bodies = chain(skeleton, pose)
     index = _rows(skeleton.landmark_bodies)
     return _apply(bodies.rotations[index], skeleton.landmarks) + bodies.translations[index]
+
+
+@partial(jax.jit, static_argnames="carriers")
+def offset_landmarks(
+    skeleton: Skeleton, pose: Pose, offsets: Float[Array, "landmark 3"], carriers: tuple[int, ...]
+) -> Float[Array, "landmark 3"]:
+    """Place points that lie `offsets` away from the landmarks, metres in the rest frame, and turn with other bodies."""
+    bodies = chain(skeleton, pose)
+    index = _rows(skeleton.landmark_bodies)
+    places = _apply(bodies.rotations[index], skeleton.landmarks) + bodies.translations[index]
+    return places + _apply(bodies.rotations[_rows(carriers)], offsets)
 
 
 def _apply(rotations: Array, vectors: Array) -> Array:

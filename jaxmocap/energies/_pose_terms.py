@@ -10,8 +10,8 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from jaxmocap._types import Knob, knob
-from jaxmocap.character import ROOT_DOFS, Character, Pose, Skeleton, landmark_positions
-from jaxmocap.observation import BODY_25, FACE, FrameProblem
+from jaxmocap.character import ROOT_DOFS, Character, Pose, Skeleton, offset_landmarks
+from jaxmocap.observation import BODY_25, FACE, FrameProblem, carriers
 
 from ._body import GroupProblem
 from ._lines import rays
@@ -23,8 +23,8 @@ LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3} | dict.fro
 
 class LandmarkRays(eqx.Module):
     """Landmarks tied to the rays of 2D keypoints: `mix (row, landmark)` averages landmarks (the neck keypoint is the
-    middle of the shoulders), which the detector sees `offsets` away, metres in the rest frame. `scale` and `robust` in
-    metres; rows of weight 0 are points that were not found."""
+    middle of the shoulders), which the detector sees `offsets` away, metres in the rest frame of `carriers`.
+    `scale` and `robust` in metres; rows of weight 0 are points that were not found."""
 
     mix: Float[Array, "row landmark"]
     offsets: Float[Array, "landmark 3"]
@@ -33,14 +33,14 @@ class LandmarkRays(eqx.Module):
     weight: Float[Array, "row"]
     scale: Float[Array, ""]
     robust: Float[Array, ""]
+    carriers: tuple[int, ...] = eqx.field(static=True)
 
     def __call__(self, character: Character, pose: Pose) -> Float[Array, "rows"]:
         return self.of(self.landmarks(character.skeleton, pose))
 
     def landmarks(self, skeleton: Skeleton, pose: Pose) -> Float[Array, "landmark 3"]:
         """Place the landmarks where the detector sees them, in the world."""
-        moved = eqx.tree_at(lambda s: s.landmarks, skeleton, skeleton.landmarks + self.offsets)
-        return landmark_positions(moved, pose)
+        return offset_landmarks(skeleton, pose, self.offsets, self.carriers)
 
     def of(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "rows"]:
         """Compute the residual of landmarks that stand here, in the world."""
@@ -89,6 +89,7 @@ def keypoint_rays(
         (jnp.maximum(keypoints[:, index, 2], 0.0) * loose).reshape(-1),
         jnp.asarray(scale, jnp.float32),
         jnp.asarray(robust, jnp.float32),
+        carriers(skeleton),
     )
 
 

@@ -9,6 +9,7 @@ from ._detections import (
     BODY_25 as BODY_25,
     FACE as FACE,
     DetectorOffsets as DetectorOffsets,
+    carriers as carriers,
     expected_keypoints as expected_keypoints,
     nearest_person as nearest_person,
     stacked_keypoints as stacked_keypoints,

@@ -40,8 +40,11 @@ FARTHEST = 0.35
 """A person whose points lie farther than this share of our person's height from where they are expected (median) is
 somebody else."""
 
-FAR = 0.05
-"""A point that lies farther than this from where it is expected, metres, tells little of the detector's offset."""
+CARRIERS = {"shoulder": "clavicle", "hip": "pelvis"}
+"""Bodies with which the places move where a detector sees these joints, which turn the upper arm and the thigh."""
+
+OFFSET_ROBUST = 0.05
+"""Geman-McClure scale of what a frame tells of the detector's offsets, metres."""
 
 
 def stacked_keypoints(keypoints: Sequence[Float[np.ndarray, "25 3"] | None]) -> Float[np.ndarray, "camera 25 3"]:
@@ -74,12 +77,24 @@ def nearest_person(
     return found
 
 
+def carriers(skeleton: Skeleton) -> tuple[int, ...]:
+    """List for every landmark the body with which a detector's offset from it moves: its own, or that of `CARRIERS`."""
+    bodies = list(skeleton.landmark_bodies)
+    for row, name in enumerate(skeleton.landmark_names):
+        side, _, joint = name.rpartition("_")
+        carrier = CARRIERS.get(joint, "")
+        for body in (carrier, f"{side}_{carrier}"):
+            if body in skeleton.body_names:
+                bodies[row] = skeleton.body_names.index(body)
+    return tuple(bodies)
+
+
 class DetectorOffsets(NamedTuple):
     """What frames have told of where a detector sees the landmarks: its hips are not the centres of the hip joints.
 
-    One offset per point, in the rest frame of the body that carries its landmark, by linear least squares over the rays
-    of all views and frames: `square` is the matrix of the normal equations, `slope` their right side. Only points that
-    are one landmark have one.
+    One offset per point, in the rest frame of the body that carries it (`carriers`), by linear least squares over the
+    rays of all views and frames: `square` is the matrix of the normal equations, `slope` their right side. Only points
+    that are one landmark have one.
     """
 
     square: Float[np.ndarray, "25 3 3"]
@@ -99,7 +114,7 @@ class DetectorOffsets(NamedTuple):
         points, rows = list(single), [names.index(name) for name in single.values()]
         places = np.asarray(landmark_positions(skeleton, pose), np.float64)[rows]
         turned = np.asarray(body_transforms(skeleton, pose), np.float64)[
-            [skeleton.landmark_bodies[row] for row in rows], :3, :3
+            [carriers(skeleton)[row] for row in rows], :3, :3
         ]
         known, square, slope = self.metres()[points], self.square.copy(), self.slope.copy()
         for seen, intrinsics, extrinsics in zip(keypoints, view.intrinsics, view.cam_from_world, strict=True):
@@ -111,7 +126,7 @@ class DetectorOffsets(NamedTuple):
             off = -rotation.T @ shift - places
             off -= np.sum(ray * off, axis=1, keepdims=True) * ray
             far = np.sum((off - np.einsum("pij,pj->pi", across, known)) ** 2, axis=1)
-            weight = np.maximum(seen[points, 2], 0) / (1 + far / FAR**2) ** 2
+            weight = np.maximum(seen[points, 2], 0) / (1 + far / OFFSET_ROBUST**2) ** 2
             square[points] += weight[:, None, None] * np.swapaxes(across, 1, 2) @ across
             slope[points] += weight[:, None] * np.einsum("pij,pi->pj", across, off)
         return DetectorOffsets(square, slope)

@@ -36,7 +36,7 @@ class FrameProblem(eqx.Module):
     arrays may be larger, so that a sequence compiles once. `depth_range` bounds the inverse depths (1/metres) that
     keys can tell apart. `keypoints` are x, y in pixels of the undistorted image and the confidence of a
     detector's BODY_25 points, 0 where there is none; `keypoint_offsets` lead from the landmark that a point is to
-    where the detector sees it, metres in the rest frame of the body that carries it.
+    where the detector sees it, metres in the rest frame of the body that carries it (`carriers`).
     """
 
     intrinsics: Float[Array, "camera 3 3"]

@@ -28,13 +28,19 @@ from jaxmocap.character import (
     stature,
 )
 from jaxmocap.energies import ContourSettings, LandmarkRays, LineResidual, SurfaceLines, bend, contour_lines
-from jaxmocap.observation import FrameProblem, build_problem, draw, frame_rectangle, mask_edges, surface_of
+from jaxmocap.observation import (
+    FrameProblem,
+    build_problem,
+    carriers,
+    draw,
+    frame_rectangle,
+    mask_edges,
+    surface_of,
+)
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
 
-OFFSETS = {
-    "shoulder": "clavicle", "hip": "pelvis", "nose": "head", "eye": "head", "ear": "head", "toe": "foot", "heel": "foot"
-}  # fmt: skip
-"""Detector points that are another place than our landmark of the name, and the body that carries the difference."""
+OFFSETS = ("shoulder", "hip", "nose", "eye", "ear", "toe", "heel")
+"""Detector points that are another place than our landmark of the name."""
 
 
 _COUPLED = {"torso": ("shoulders", "hips")} | {name: (name,) for name in GIRTHS if name != "torso"}
@@ -230,21 +236,19 @@ def detector_points(skeleton: Skeleton, pose: Pose, offsets: Float[Array, "offse
 
     Offsets are those of the left side, in the rest frame.
     """
-    rows, carriers, numbers, mirror = _offset_rows(skeleton)
-    rotations = body_transforms(skeleton, pose)[carriers, :3, :3]
+    rows, bodies, numbers, mirror = _offset_rows(skeleton)
+    rotations = body_transforms(skeleton, pose)[bodies, :3, :3]
     shift = jnp.sum(rotations * (mirror * offsets[numbers])[:, None, :], axis=-1)
     return landmark_positions(skeleton, pose).at[rows].add(shift)
 
 
 def _offset_rows(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Landmark, carrying body, number of the offset and its mirroring, of every landmark that has an offset."""
-    rows = []
-    for number, (point, carrier) in enumerate(OFFSETS.items()):
+    rows, bodies = [], carriers(skeleton)
+    for number, point in enumerate(OFFSETS):
         for side, sign in (("l_", 1.0), ("r_", -1.0)) if point != "nose" else (("", 0.0),):
-            body = carrier if carrier in skeleton.body_names else side + carrier
-            rows.append(
-                (skeleton.landmark_names.index(side + point), skeleton.body_names.index(body), number, (sign, 1.0, 1.0))
-            )
+            row = skeleton.landmark_names.index(side + point)
+            rows.append((row, bodies[row], number, (sign, 1.0, 1.0)))
     landmark, body, number, mirror = zip(*rows, strict=True)
     return np.array(landmark), np.array(body), np.array(number), np.array(mirror, np.float32)
 

@@ -1,8 +1,5 @@
 """Where a detector sees the landmarks, learnt from frames whose pose is known."""
 
-from dataclasses import replace
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +7,9 @@ import pytest
 from perturbed import perturbed
 from synthetic_world import POINTS
 
+from jaxmocap.camera import project
 from jaxmocap.capture import Detections
+from jaxmocap.character import body_transforms, landmark_positions
 from jaxmocap.energies import keypoint_rays
 from jaxmocap.observation import DetectorOffsets
 from jaxmocap.refinement import DetectionPlan
@@ -29,17 +28,26 @@ def offsets() -> np.ndarray:
 
 
 def seen_with(world, pose, offsets) -> np.ndarray:
-    """What a detector with these offsets finds."""
-    skeleton = world.character.skeleton
-    rows = np.array([skeleton.landmark_names.index(name) for name in POINTS])
-    moved = jnp.asarray(skeleton.landmarks).at[rows].add(offsets[list(POINTS.values())])
-    other = eqx.tree_at(lambda c: c.skeleton.landmarks, world.character, moved)
-    return replace(world, truth=replace(world.truth, character=other)).keypoints(FRAME, pose)
+    """What a detector with these offsets finds; those of shoulders and hips go with the collar bones and the pelvis."""
+    skeleton, view = world.character.skeleton, world.cameras.at(FRAME)
+    turns = np.asarray(body_transforms(skeleton, pose))[:, :3, :3]
+    places = dict(zip(skeleton.landmark_names, np.asarray(landmark_positions(skeleton, pose)), strict=True))
+    carrier = dict(
+        zip(skeleton.landmark_names, [skeleton.body_names[b] for b in skeleton.landmark_bodies], strict=True)
+    )
+    carrier |= {f"{side}_shoulder": f"{side}_clavicle" for side in "lr"} | {f"{side}_hip": "pelvis" for side in "lr"}
+    seen = np.zeros((25, 3), np.float32)
+    for name, point in POINTS.items():
+        seen[point] = places[name] + turns[skeleton.body_names.index(carrier[name])] @ offsets[point]
+    pixels, _ = project(view.intrinsics, view.cam_from_world, jnp.asarray(seen))
+    found = np.isin(np.arange(25), ROWS).astype(np.float32)
+    return np.stack([np.concatenate([np.asarray(p), found[:, None]], 1) for p in pixels])
 
 
 @pytest.fixture(scope="module")
 def poses(world):
-    return [perturbed(world, FRAME, 25.0, seed=seed) for seed in range(30)]
+    """Limbs move, and in every second pose the whole body turns, so that two views see offsets from all sides."""
+    return [perturbed(world, FRAME, 25.0, seed=seed, kind=("joints", "root")[seed % 2]) for seed in range(30)]
 
 
 def learnt(world, poses, offsets, spoil=lambda number, points: points) -> DetectorOffsets:

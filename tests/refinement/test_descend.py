@@ -133,6 +133,7 @@ def test_landmark_rows_alone_move_the_landmarks_to_their_rays(world):
         jnp.concatenate([jnp.asarray(m) for m in mix]), jnp.zeros_like(skeleton.landmarks),
         jnp.concatenate(direction), jnp.concatenate(moment),
         jnp.ones(2 * len(names)), jnp.asarray(0.02, jnp.float32), jnp.asarray(0.5, jnp.float32),
+        skeleton.landmark_bodies,
     )  # fmt: skip
     base = perturbed(world, FRAME, 4, seed=4)
     prior = free_prior(world.character, base, 1e-3)
