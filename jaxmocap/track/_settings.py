@@ -20,8 +20,8 @@ def with_settings(tracker: Settings, settings: Mapping[str, Any]) -> Settings:
     Names are the attributes from the tracker down, joined by dots. Any other record of settings can be changed the same
     way.
 
-    An energy's terms are named by their name, entries of other tuples by their number:
-    `search_energy.terms.model_view.shading`. Values may be text. "off" (or None) leaves an optional part out, "on" puts
+    An energy's terms are named by their name, as in `search_energy.terms.model_view.shading`, entries of other tuples
+    by their number. Values may be text. "off" (or None) leaves an optional part out, "on" puts
     it in with its defaults. A part of which there are several, as the sampler, is chosen by the name of its class, and
     then has its defaults. Raises `InputError` for an unknown name or a value of another kind.
     """
