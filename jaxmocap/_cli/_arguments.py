@@ -127,6 +127,18 @@ def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
+def numbers_by_camera(texts: tuple[str, ...], option: str, what: str, example: str) -> dict[str, float]:
+    """Read `OPTION CAMERA=NUMBER ...` as a dictionary."""
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise InputError(f"{option} has {text!r}; CAMERA={what} was expected, such as cam0={example}.") from None
+    return found
+
+
 def open_span(text: str | None, name: str = "--frames") -> tuple[int, int | None] | None:
     """Read `--frames A:B` as (A, B) where it is not yet known how many frames there are; B is None for the last."""
     if text is None:

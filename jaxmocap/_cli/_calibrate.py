@@ -8,7 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import CaptureOrVideos, FrameSpan, Json, NewCapture, Seed, open_span
+from ._arguments import CaptureOrVideos, FrameSpan, Json, NewCapture, Seed, numbers_by_camera, open_span
 from ._output import progress, say, show
 
 
@@ -64,6 +64,13 @@ def calibrate(
         ),
     ] = False,
     frames: FrameSpan = None,
+    keep_offsets: Annotated[
+        bool,
+        tyro.conf.arg(
+            help="Leave offset in capture.toml as it is.",
+            help_behavior_hint="(default: set by the person, where keypoints at many frames tell it)",
+        ),
+    ] = False,
     key_step: Annotated[int, tyro.conf.arg(metavar="N", help="One key frame in so many frames.")] = 5,
     replace: Annotated[
         bool,
@@ -79,7 +86,7 @@ def calibrate(
     videos alone have no keypoints."""
     from jaxmocap.pipeline import calibrate
 
-    lengths = focal_lengths(focal)
+    lengths = numbers_by_camera(focal, "--focal", "PIXELS", "1450")
     with progress() as report:
         calibration = calibrate(
             capture,
@@ -92,6 +99,7 @@ def calibrate(
             intrinsics=intrinsics,
             static=static or None,
             frames=open_span(frames),
+            keep_offsets=keep_offsets,
             key_step=key_step,
             seed=seed,
             say=say,
@@ -118,18 +126,6 @@ def _direction(texts: tuple[str, ...]) -> tuple[float, float, float] | None:
             f"--up is {' '.join(texts)!r}; three numbers were expected (x right, y down, z forward), or x, -y and so on"
         ) from None
     return x, y, z
-
-
-def focal_lengths(texts: tuple[str, ...]) -> dict[str, float]:
-    """Read `--focal CAMERA=PIXELS ...` as a dictionary."""
-    found = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        try:
-            found[name] = float(value)
-        except ValueError:
-            raise InputError(f"--focal has {text!r}; CAMERA=PIXELS was expected, such as cam0=1450.") from None
-    return found
 
 
 def _table(record: dict[str, Any], folder: Path) -> Table:

@@ -8,8 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import Json, Preset, Seed, Weights, open_span
-from ._calibrate import focal_lengths
+from ._arguments import Json, Preset, Seed, Weights, numbers_by_camera, open_span
 from ._output import progress, say, show
 from ._track import report_trust, summary
 
@@ -41,6 +40,14 @@ def run_videos(
         tyro.conf.arg(
             metavar="CAMERA=PIXELS ...",
             help="Focal lengths to keep; a camera is called like its video.",
+            help_behavior_hint="(default: found)",
+        ),
+    ] = (),
+    offset: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="CAMERA=SECONDS ...",
+            help="Seconds to add to a video's own time where it began earlier or later; 0 for the others.",
             help_behavior_hint="(default: found)",
         ),
     ] = (),
@@ -107,7 +114,8 @@ def run_videos(
             out,
             height=height,
             camera_distance=camera_distance,
-            focal=focal_lengths(focal),
+            focal=numbers_by_camera(focal, "--focal", "PIXELS", "1450"),
+            offset=numbers_by_camera(offset, "--offset", "SECONDS", "-0.4"),
             frames=open_span(frames) or (0, None),
             quality=quality,
             actor=actor,

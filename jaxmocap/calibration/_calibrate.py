@@ -4,7 +4,7 @@ gravity and a report."""
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,11 @@ from jaxmocap._files import atomic_folder, write_bytes, write_json
 from jaxmocap._results import InputError
 from jaxmocap._runtime import cores
 from jaxmocap.camera import Cameras, look_at_point, read_cameras
-from jaxmocap.capture import Capture
+from jaxmocap.capture import Capture, shared_frames
 
 from ._child import Solved, run_worker
 from ._footage import Report, as_recorded, footage_of, keypoints_of
+from ._person_clock import PersonClock, person_clock
 from ._report import draw_paths, make_record, png_bytes, pose_table
 from ._route import choose_route
 from ._scale import find_scale, known_bone_lengths, refuse_without_scale, subject_views, triangulate_views
@@ -41,6 +42,8 @@ class Calibration:
         poses: what `uncertainty.json` holds.
         picture: of the cameras' paths, RGB.
         files: the COLMAP model in the capture's units and axes, by file name.
+        offsets: seconds to add to each video's own time, what `capture.toml` should say: those of the capture, or
+            found better by the person.
         folder: where they lie, once written; None before.
     """
 
@@ -49,6 +52,7 @@ class Calibration:
     poses: dict[str, Any]
     picture: UInt8[np.ndarray, "height width 3"]
     files: Mapping[str, bytes]
+    offsets: tuple[float, ...]
     folder: Path | None = None
 
     def save(self, folder: str | Path) -> None:
@@ -72,6 +76,7 @@ def calibrate(
     intrinsics: str | Path | None = None,
     static: bool | None = None,
     frames: tuple[int, int | None] = (0, None),
+    keep_offsets: bool = False,
     key_step: int = 5,
     seed: int = 0,
     progress: Report = lambda stage, done, total: None,
@@ -87,6 +92,10 @@ def calibrate(
     pixels, by camera, are kept; without them they are found. `intrinsics` is a calibration file whose lenses are kept,
     of cameras that stand still. `frames` (first, end) are the shared frames that are wanted: elsewhere a camera may be
     lost for as long as it likes, and lies between its neighbours. Whatever cameras the capture has are not looked at.
+
+    Where keypoints at many frames tell when a video began to a quarter of a frame, better than sound does,
+    `Calibration.offsets` says so, and the person's bones are measured at those moments; not with `keep_offsets`. The
+    cameras are those at the shared frames of `capture`, whatever its offsets.
 
     Raises `InputError` for footage that cannot be calibrated; nothing is written.
     """
@@ -114,7 +123,11 @@ def calibrate(
         solved = Solved.read(work / "result.npz", recorded)
         interpolated = {(int(c), int(f)) for c, f in solved.tables["interpolated"]}
         refuse_gaps(recorded, interpolated, (first, end))
-        views = subject_views(recorded, solved, keypoints)
+        clock = None if keep_offsets else person_clock(recorded, solved)
+        timed = recorded if clock is None else _moved(recorded, clock)
+        if timed is not recorded:
+            solved, keypoints = Solved.read(work / "result.npz", timed), keypoints_of(timed)
+        views = subject_views(timed, solved, keypoints)
         scale = find_scale(solved, views, lengths, source, camera_distance)
         people = [triangulate_views(view) for view in views]
         given = None if up is None else solved.pose(0, 0)[:3, :3].T @ np.asarray(up, float)
@@ -148,11 +161,20 @@ def calibrate(
             recorded.video_frames,
             recorded.metres_per_unit,
         )
-    record = make_record(recorded, solved, scale, gravity, world, joints, time.perf_counter() - began)
-    picture = draw_paths(
-        recorded, world.cameras(solved.shared_poses()), world(solved.points), world(joints), interpolated
-    )
-    return Calibration(cameras, record, pose_table(recorded, solved, world), picture, files)
+    record = make_record(timed, solved, scale, gravity, world, joints, time.perf_counter() - began)
+    record["time"] = None if clock is None else clock.record(recorded)
+    picture = draw_paths(timed, world.cameras(solved.shared_poses()), world(solved.points), world(joints), interpolated)
+    return Calibration(cameras, record, pose_table(timed, solved, world), picture, files, timed.offsets)
+
+
+def _moved(capture: Capture, clock: PersonClock) -> Capture:
+    """Match the frames of a capture by the moments that the person tells; itself where none is known."""
+    known = clock.known(1 / capture.fps)
+    if not known.any():
+        return capture
+    offsets = tuple(round(offset + float(late), 6) for offset, late in zip(capture.offsets, known, strict=True))
+    frames = shared_frames(capture.indices, offsets)[:, : capture.num_frames]
+    return replace(capture, offsets=offsets, video_frames=frames, num_frames=frames.shape[1])
 
 
 def _refuse_numbers(height: float | None, distance: float | None, up: tuple[float, float, float] | None) -> None:

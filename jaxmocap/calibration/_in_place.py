@@ -13,7 +13,7 @@ import numpy as np
 from jaxmocap._files import atomic_folder, atomic_path, free_name, write_json, write_text
 from jaxmocap._results import InputError
 from jaxmocap.camera import read_cameras
-from jaxmocap.capture import Capture, config_path, read_config, with_cameras_line, with_offsets
+from jaxmocap.capture import Capture, config_path, read_config, shared_frames, with_cameras_line, with_offsets
 from jaxmocap.motion import Motion
 
 from ._calibrate import Calibration, calibrate
@@ -25,7 +25,8 @@ REPORT = "refinement.json"
 
 
 def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: Any) -> Calibration:
-    """Calibrate the capture at `path`, write the result to a folder in it and name that in `capture.toml`.
+    """Calibrate the capture at `path`, write the result to a folder in it and name that in `capture.toml`, with the
+    offsets where the person told them better and the frames that it names are still shared.
 
     Raises `InputError` if `capture.toml` names cameras already, unless `replace`; the old ones stay where they are.
     `options` are those of `calibrate`.
@@ -34,9 +35,28 @@ def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: An
     capture = Capture.open(file, with_cameras=False)
     folder = free_name(file.parent, "cameras")
     calibration = calibrate(capture, **options)
+    if not _opens_with(calibration.offsets, capture, file):
+        time = {**calibration.record["time"], "moved": False}
+        calibration = dataclasses.replace(
+            calibration, offsets=capture.offsets, record={**calibration.record, "time": time}
+        )
     calibration.save(folder)
-    name_cameras(file, folder.name)
+    text = with_cameras_line(_text(file), folder.name, file)
+    if calibration.offsets != capture.offsets:
+        text = with_offsets(text, calibration.offsets, file)
+    write_text(file, text)
     return dataclasses.replace(calibration, folder=folder)
+
+
+def _opens_with(offsets: tuple[float, ...], capture: Capture, file: Path) -> bool:
+    """Tell whether the capture can be opened with other offsets: the frames that its lines name are still shared."""
+    if offsets == capture.offsets:
+        return True
+    config, _ = read_config(file)
+    shared = shared_frames(capture.indices, offsets)[0]
+    selected = capture.video_frames[0, list(capture.selected_frames or ())]
+    fewer = config is not None and config.frames is not None and config.frames > len(shared)
+    return not fewer and bool(np.isin(selected, shared).all())
 
 
 def refuse_named_cameras(path: str | Path, replace: bool) -> Path:

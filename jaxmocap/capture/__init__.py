@@ -28,7 +28,12 @@ from ._sync_plan import (
     plan_sync as plan_sync,
     video_names as video_names,
 )
-from ._video import FrameReader as FrameReader, VideoIndex as VideoIndex, index_video as index_video
+from ._video import (
+    FrameReader as FrameReader,
+    VideoIndex as VideoIndex,
+    index_video as index_video,
+    shared_frames as shared_frames,
+)
 from .synchronisation import (
     PersonHeights as PersonHeights,
     PersonOffset as PersonOffset,

@@ -47,11 +47,14 @@ def with_keypoints_line(text: str, keypoints: str, file: Path) -> str:
     return document.text()
 
 
-def with_lines(text: str, values: Mapping[str, str | list[int]], file: Path) -> str:
-    """Set these keys in the text of `capture.toml`. Raises `InputError` if the text is not TOML."""
+def with_lines(text: str, values: Mapping[str, str | list[int] | None], file: Path) -> str:
+    """Set these keys in the text of `capture.toml`, None taking one out. Raises `InputError` if it is not TOML."""
     document = _Document(text, file)
     for key, value in values.items():
-        document.set(document.toml, key, value)
+        if value is None:
+            document.toml.pop(key, None)
+        else:
+            document.set(document.toml, key, value)
     return document.text()
 
 

@@ -24,6 +24,7 @@ def calibrate(
     intrinsics: str | Path | None = None,
     static: bool | None = None,
     frames: tuple[int, int | None] | None = None,
+    keep_offsets: bool = False,
     key_step: int = 5,
     seed: int = 0,
     say: Callable[[str], None] = lambda sentence: None,
@@ -44,8 +45,9 @@ def calibrate(
     `up` in the first camera at the first shared frame (x right, y down, z forward), else found. `focal` lengths in
     pixels, by camera, are kept; without them they are found. `intrinsics` is a calibration file whose lenses are kept,
     of cameras that stand still; its poses do not count. `frames` (first, end) are the shared frames that are wanted, by
-    default all: a camera that is lost for a second on end is refused there, and elsewhere filled in. `say` takes
-    sentences about what is assumed.
+    default all: a camera that is lost for a second on end is refused there, and elsewhere filled in. Keypoints at many
+    frames tell when the videos began to a part of a frame; `offset` is set where that is known, unless `keep_offsets`.
+    `say` takes sentences about what is assumed and found.
 
     Raises `InputError`, with nothing changed on disk, for footage that cannot be calibrated.
     """
@@ -57,6 +59,7 @@ def calibrate(
         "intrinsics": intrinsics,
         "static": static,
         "frames": frames or (0, None),
+        "keep_offsets": keep_offsets,
         "key_step": key_step,
         "seed": seed,
         "progress": progress,
@@ -73,7 +76,9 @@ def calibrate(
             f"{len(paths)} paths were given; give one capture folder, or two or more videos and a new folder with --out"
         )
     _say_if_unsynchronised(paths[0], say)
-    return calibrate_in_place(paths[0], replace=replace, **options)
+    found = calibrate_in_place(paths[0], replace=replace, **options)
+    _say_what_time(found, say)
+    return found
 
 
 def _calibrate_videos(
@@ -94,6 +99,19 @@ def _calibrate_videos(
         found = calibrate_in_place(partial, **options)
     assert found.folder is not None
     return dataclasses.replace(found, folder=out / found.folder.name)
+
+
+def _say_what_time(found: Calibration, say: Callable[[str], None]) -> None:
+    """Say which offsets the person told better than they were known."""
+    told = found.record["time"]
+    cameras = told["cameras"] if told is not None and told["moved"] else {}
+    for (name, one), offset in zip(cameras.items(), found.offsets, strict=False):
+        late, deviation = 1000 * one["late_seconds"], 1000 * one["deviation_seconds"]
+        if abs(late) >= 1:
+            say(
+                f"By the person {name} began {abs(late):.0f} ms {'later' if late > 0 else 'earlier'} than its offset "
+                f"said (± {deviation:.0f} ms); offset = {offset:g} now."
+            )
 
 
 def _say_if_unsynchronised(path: str | Path, say: Callable[[str], None]) -> None:

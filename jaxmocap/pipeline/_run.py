@@ -42,6 +42,7 @@ def run(
     height: float | None = None,
     camera_distance: float | None = None,
     focal: Mapping[str, float] | None = None,
+    offset: Mapping[str, float] | None = None,
     frames: tuple[int, int | None] = (0, None),
     quality: Quality = "normal",
     actor: str | Path | None = None,
@@ -65,9 +66,10 @@ def run(
 
     `height` is the person's, `camera_distance` that of the first two cameras at their first shared frame, both in
     metres; one of them, or an `actor` (a scan or a character), tells the scale. `focal` lengths in pixels, by camera,
-    are kept. `scan` is a video once around the person, who stands still, or pictures from all around, of which the
-    actor is made; it needs the height. `frames` (A, B) are A to B - 1 of the shared ones; None is the end. `person` are
-    pixels on the person in the first picture, by camera; `weights` a detector's networks; `keypoints` a folder of
+    are kept. `offset` are seconds to add to a camera's own time, by camera, 0 for those it leaves out; with it nothing
+    is synchronised. `scan` is a video once around the person, who stands still, or pictures from all around, of which
+    the actor is made; it needs the height. `frames` (A, B) are A to B - 1 of the shared ones; None is the end. `person`
+    are pixels on the person in the first picture, by camera; `weights` a detector's networks; `keypoints` a folder of
     another detector's files; `static` says that all cameras stand still, whatever the background says. With
     `detections` keypoints count beside the pixels while tracking. With one video the camera is taken to stand still and
     level.
@@ -79,6 +81,7 @@ def run(
         height=height,
         camera_distance=camera_distance,
         focal=dict(focal or {}),
+        offset=dict(offset or {}),
         frames=frames,
         quality=quality,
         actor=_path(actor),

@@ -9,7 +9,7 @@ from typing import Any
 
 from jaxmocap._results import InputError
 from jaxmocap.calibration import refuse_gaps
-from jaxmocap.capture import Capture, CaptureConfig, VideoIndex, config_path, path_hash, read_config
+from jaxmocap.capture import Capture, CaptureConfig, VideoIndex, camera_names, config_path, path_hash, read_config
 
 from ._run_options import RunOptions
 from ._run_record import RunRecord
@@ -49,6 +49,11 @@ class RunInputs:
     def several(self) -> bool:
         return len(self.indices) > 1
 
+    @property
+    def names(self) -> list[str]:
+        """Names of the cameras, which are those of their videos."""
+        return camera_names([index.path for index in self.indices])
+
     @cached_property
     def videos(self) -> list[str]:
         """Hashes of the videos."""
@@ -70,6 +75,11 @@ class RunInputs:
     def offsets(self) -> list[float]:
         """Read when the videos began, seconds."""
         return [camera.offset for camera in self.config().camera]
+
+    def of_synchronise(self) -> Any:
+        """List what offsets are made of."""
+        told = self.options.offset
+        return [self.videos, sorted(told.items())] if told else self.videos
 
     def of_detect(self) -> Any:
         """List what keypoints are made of."""

@@ -1,12 +1,13 @@
 """What a run is told, and what of it is wrong before anything is done."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from jaxmocap._results import InputError
 from jaxmocap._types import Quality
-from jaxmocap.capture import VideoIndex, index_video
+from jaxmocap.capture import VideoIndex, camera_names, index_video
 from jaxmocap.detection import require_runner
 from jaxmocap.rigging import check_height
 
@@ -19,6 +20,7 @@ class RunOptions:
         height: of the person, metres; None: not known.
         camera_distance: metres between the first two cameras at their first shared frame; None: not known.
         focal: pixels, by camera.
+        offset: seconds to add to a camera's own time, by camera, 0 for those left out; empty: found.
         frames: (first, behind the last) of the shared frames to track; None for the end.
         quality: preset of the tracker.
         actor: the person's mesh or character; None: the built-in body is made to measure.
@@ -34,6 +36,7 @@ class RunOptions:
     height: float | None = None
     camera_distance: float | None = None
     focal: Mapping[str, float] = field(default_factory=dict)
+    offset: Mapping[str, float] = field(default_factory=dict)
     frames: tuple[int, int | None] = (0, None)
     quality: Quality = "normal"
     actor: Path | None = None
@@ -67,6 +70,12 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
             f"frames {start}:{'' if stop is None else stop} were asked for, but {shortest.path.name} has "
             f"{shortest.num_frames} frames, 0 to {shortest.num_frames - 1}"
         )
+    names = camera_names(paths)
+    for name, seconds in options.offset.items():
+        if name not in names or len(names) == 1:
+            raise InputError(f"--offset names {name!r}; {_offset_wanted(names)}")
+        if not math.isfinite(seconds):
+            raise InputError(f"--offset {name}={seconds}: a number of seconds was expected, such as {name}=-0.4")
     if options.height is not None:
         check_height(options.height)
     if options.scan is not None and options.actor is not None:
@@ -95,6 +104,12 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
             "far the first two cameras stand apart with --camera-distance METRES"
         )
     return indices
+
+
+def _offset_wanted(names: Sequence[str]) -> str:
+    if len(names) == 1:
+        return "one video needs no offset: leave it out"
+    return f"the cameras are called like their videos: {', '.join(names)}"
 
 
 def span_within(frames: tuple[int, int | None], num_frames: int) -> tuple[int, int] | None:

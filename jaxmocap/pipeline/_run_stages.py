@@ -44,11 +44,13 @@ def stages_of(work: RunWork) -> list[Stage]:
         found.append(
             Stage(
                 "synchronise",
-                "find when each video began",
+                "take the offsets given" if work.options.offset else "find when each video began",
                 "offset",
-                lambda: work.videos,
+                work.of_synchronise,
                 work.synchronise,
-                f"write offset = SECONDS below each [[camera]] of {work.folder}/capture.toml",
+                f"find a moment that both videos show, such as a foot that touches the ground, and say by how many "
+                f"seconds a video's own time is to be moved with --offset {work.names[-1]}=SECONDS (0 if they began "
+                "together)",
             )
         )
     detect = Stage(

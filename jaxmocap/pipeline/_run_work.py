@@ -13,7 +13,7 @@ from jaxmocap._files import atomic_folder, atomic_path, free_name, write_text
 from jaxmocap._results import InputError
 from jaxmocap.calibration import usual_focal
 from jaxmocap.camera import Cameras, write_cameras
-from jaxmocap.capture import Capture, camera_names, config_path, new_capture_text, video_names, with_lines
+from jaxmocap.capture import Capture, config_path, new_capture_text, video_names, with_lines, with_offsets
 from jaxmocap.motion import Motion
 from jaxmocap.rigging import open_actor
 
@@ -50,6 +50,12 @@ class RunWork(RunInputs):
         file = config_path(self.folder)
         write_text(file, with_lines(file.read_bytes().decode("utf-8"), lines, file))
 
+    def _forget_selected_frames(self) -> None:
+        """Take out those that an earlier run chose: with other offsets the videos may no longer share them."""
+        chosen = self.record.made("selected frames")
+        if chosen is not None and chosen == self.config().selected_frames:
+            self._set(selected_frames=None)
+
     def make_capture(self) -> Any:
         """Make the capture folder, with links to the videos."""
         if self.record.begun("capture") and self.folder.exists():
@@ -57,17 +63,22 @@ class RunWork(RunInputs):
                 f"{self.out} holds a run of other videos; choose another folder with --out, or delete that one"
             )
         paths = [index.path for index in self.indices]
-        names = camera_names(paths)
-        copies = video_names(paths, names)
+        copies = video_names(paths, self.names)
         with atomic_folder(self.folder) as partial:
             for name, video in copies.items():
                 _link_or_copy(video, partial / name)
-            text = new_capture_text(self.out, self.indices[0].interval, dict(zip(names, copies, strict=True)))
+            text = new_capture_text(self.out, self.indices[0].interval, dict(zip(self.names, copies, strict=True)))
             write_text(partial / "capture.toml", text)
         return list(copies)
 
     def synchronise(self) -> Any:
-        """Find when each video began."""
+        """Take the offsets that are given, or find when each video began."""
+        self._forget_selected_frames()
+        if self.options.offset:
+            file = config_path(self.folder)
+            offsets = [self.options.offset.get(name, 0.0) for name in self.names]
+            write_text(file, with_offsets(file.read_bytes().decode("utf-8"), offsets, file))
+            return self.offsets()
         try:
             found = sync(self.folder, progress=self.progress)
         except InputError as error:
@@ -98,6 +109,7 @@ class RunWork(RunInputs):
 
     def detect(self) -> Any:
         """Find the person's keypoints, or take those that are given."""
+        self._forget_selected_frames()
         options = self.options
         if options.keypoints is not None:
             folder = free_name(self.folder, "keypoints")
@@ -124,7 +136,8 @@ class RunWork(RunInputs):
 
     def calibrate(self) -> Any:
         """Find the cameras."""
-        options = self.options
+        self._forget_selected_frames()
+        options, synchronised = self.options, self.offsets()
         calibrate(
             self.folder,
             replace=True,
@@ -133,10 +146,15 @@ class RunWork(RunInputs):
             focal=dict(options.focal),
             static=options.static or None,
             frames=span_within(options.frames, self._open(with_cameras=False).num_frames),
+            keep_offsets=bool(options.offset) or self.offsets() != self.record.made("synchronise"),
             seed=options.seed,
             say=self.say,
             progress=self.progress,
         )
+        if self.offsets() != synchronised:
+            self.record.set("synchronise", self.of_synchronise(), self.offsets())
+            if self.record.begun("detect"):
+                self.record.set("detect", self.of_detect(), self.record.made("detect"))
         if self.options.keypoints is None and self.record.done(_AS_FOUND, self.hash_of("keypoints")):
             self._find_person()  # among views, now that there are cameras
         return self.config().cameras

@@ -83,7 +83,8 @@ def done(monkeypatch, motion) -> list[str]:
 
     def select(capture, within):
         names.append("selected frames")
-        return capture, {"frames": [0, 2], "reason": "they are good"}
+        first = int(capture.video_frames[0, 0])
+        return capture, {"frames": [first, first + 2], "reason": "they are good"}
 
     def track_capture(folder, out, **options):
         names.append("track")
@@ -189,7 +190,7 @@ def test_where_nothing_else_tells_the_time_keypoints_are_asked(videos, done, tmp
 
     monkeypatch.setattr(_run_work, "sync", bad)
     monkeypatch.setattr(_run_work, "sync_by_person", lambda folder: None)
-    with pytest.raises(InputError, match=r"stage 'synchronise' failed: right cannot be .* write offset = SECONDS"):
+    with pytest.raises(InputError, match=r"stage 'synchronise' failed: right cannot be .* --offset right_hand=SECONDS"):
         again(videos, tmp_path / "dance")
     said: list[str] = []
 
@@ -202,6 +203,46 @@ def test_where_nothing_else_tells_the_time_keypoints_are_asked(videos, done, tmp
     result = run(videos, tmp_path / "dance", height=1.8, say=said.append)
     assert list(result.seconds) == STAGES[1:]
     assert any("Offsets in frames: +0.00, -1.2" in sentence and "likeness 0.95" in sentence for sentence in said)
+
+
+def test_offsets_that_are_known_are_taken_and_others_are_not_looked_for(videos, done, tmp_path):
+    def offsets() -> list[float]:
+        return list(Capture.open(tmp_path / "dance" / "capture", with_cameras=False).offsets)
+
+    _, names = again(videos, tmp_path / "dance", offset={"right_hand": -0.04})
+    assert names == STAGES
+    assert "synchronise" not in done
+    assert offsets() == [0.0, -0.04]
+    assert again(videos, tmp_path / "dance", offset={"right_hand": -0.04})[1] == []
+    _, names = again(videos, tmp_path / "dance", offset={"right_hand": 0.04})
+    assert names[0] == "synchronise"
+    assert offsets() == [0.0, 0.04]
+    again(videos, tmp_path / "dance")
+    assert done.count("synchronise") == 1
+    assert offsets() == [0.0, 0.0]
+
+
+def test_offsets_that_the_person_corrects_are_no_change_by_hand(videos, done, tmp_path, monkeypatch):
+    stand_in, kept = _run_work.calibrate, []
+
+    def calibrate(folder, **options):
+        stand_in(folder, **options)
+        kept.append(options["keep_offsets"])
+        file = config_path(folder)
+        if not options["keep_offsets"]:
+            file.write_text(with_offsets(file.read_text(), [0.0, -0.02], file))
+
+    monkeypatch.setattr(_run_work, "calibrate", calibrate)
+    assert again(videos, tmp_path / "dance")[1] == STAGES
+    assert again(videos, tmp_path / "dance")[1] == []
+    file = tmp_path / "dance" / "capture" / "capture.toml"
+    file.write_text(file.read_text().replace("offset = -0.02", "offset = -0.03"))
+    again(videos, tmp_path / "dance")
+    again(videos, tmp_path / "dance", offset={"left": 0.01})
+    assert kept == [False, True]
+    assert "offset = -0.03" in file.read_text()
+    again(videos, tmp_path / "other", offset={"left": 0.01})
+    assert kept == [False, True, True]
 
 
 def test_an_actor_comes_first_for_its_bones_tell_the_scale(videos, done, tmp_path):
@@ -245,6 +286,8 @@ def test_one_video_is_not_synchronised_and_has_a_camera_that_stands_still(videos
         ({"height": None}, "videos alone do not tell .* --height METRES"),
         ({"actor": "nobody.obj"}, "--actor nobody.obj does not exist"),
         ({"keypoints": "nothing"}, "--keypoints nothing does not exist"),
+        ({"offset": {"me": 0.5}}, "--offset names 'me'; the cameras are called like their videos: left, right_hand"),
+        ({"offset": {"left": float("nan")}}, "--offset left=nan: a number of seconds was expected"),
         ({"scan": "nowhere.mp4"}, "--scan nowhere.mp4 does not exist"),
         ({"scan": "walk.mp4", "actor": "me.glb"}, "--scan and --actor are given"),
         ({"scan": "walk.mp4", "height": None, "camera_distance": 2.0}, "--scan does not tell how large the person is"),

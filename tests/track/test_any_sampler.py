@@ -32,9 +32,10 @@ def tracked(world, tracker):
     "sampler", [samplers.InteractingSimulatedAnnealing, samplers.CrossEntropy, samplers.RandomSearch]
 )
 def test_a_frame_is_tracked_with_every_sampler(world, sampler):
-    """The frame before is off by 1.65 cm."""
+    """At the resolution of `normal`; the frame before is off by 1.65 cm."""
     still = vertex_errors(world, 2, world.pose(1)).mean()
-    assert vertex_errors(world, 2, tracked(world, replace(TRACKER, sampler=sampler()))).mean() < 0.7 * still
+    tracker = replace(TRACKER, search=SearchPlan(step=2, iterations=16, faces=0.25), sampler=sampler())
+    assert vertex_errors(world, 2, tracked(world, tracker)).mean() < 0.7 * still
 
 
 def test_a_frame_is_tracked_with_another_sampler_than_the_default(world):
