@@ -5,7 +5,9 @@ whenever they filmed it, so that a joint that they see at the same moment lies o
 meanwhile does not.
 """
 
+import functools
 import itertools
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,9 +24,10 @@ from ._person_scene import JOINTS
 _ROWS = np.array([KEYPOINT_NAMES.index(name) for name in JOINTS])
 _REACH = 0.2  # seconds: as much as phones' sound comes late
 _STEP = 0.5  # frames, of the first look
+_SLOPE = 0.05  # frames, over which slopes are taken: the window moves on by whole frames
 _MOST_FRAMES = 300  # that are looked at: of longer clips every so many
 _FEWEST_ROWS = 150
-_WINDOW = 3  # frames on either side, of a Gaussian of one frame
+_WINDOW = 4  # frames on either side, of a Gaussian of one frame
 _ENOUGH = 1.25  # of its weights, which add up to 2.5
 _BLOCKS = 8  # of the clip, left out in turn: a detector errs alike for a while
 _BLURRED = 0.25  # frames: with a standard deviation of more nothing is known better than by sound
@@ -62,22 +65,26 @@ class PersonClock(NamedTuple):
         return {"cameras": cameras, "residual_pixels": residual, "moved": bool(known.any())}
 
 
-class _Rays(NamedTuple):
-    """Centres and directions of all cameras at their shared frames, in the world, which moves smoothly where pixels of
-    a shaken camera do not; NaN where a joint is not seen."""
+_Distances = Callable[[np.ndarray], np.ndarray]
+"""From moments of all cameras but the first, frames, to pixels by pair of cameras, moment and joint; NaN: not seen."""
 
-    seconds: Float[np.ndarray, "camera frame"]
-    centres: Float[np.ndarray, "camera frame 3"]
-    directions: Float[np.ndarray, "camera frame joint 3"]
+
+class _Rays(NamedTuple):
+    """A camera's centres, and directions to joints, at its frames: in the world, which moves smoothly where pixels of a
+    shaken camera do not; NaN where a joint is not seen."""
+
+    seconds: Float[np.ndarray, " frame"]
+    centres: Float[np.ndarray, "frame 3"]
+    directions: Float[np.ndarray, "frame joint 3"]
 
     def at(
-        self, camera: int, seconds: Float[np.ndarray, " time"]
+        self, seconds: Float[np.ndarray, " time"]
     ) -> tuple[Float[np.ndarray, "time 3"], Float[np.ndarray, "time joint 3"]]:
         """Smooth over some frames about a moment: local straight lines under a Gaussian; NaN where too few see a joint.
 
         That is as noisy between frames as on them. Interpolation is less noisy there, which would draw moments there.
         """
-        own = self.seconds[camera]
+        own = self.seconds
         position = np.interp(seconds, own, np.arange(len(own)), np.nan, np.nan)
         inside = np.isfinite(position)
         near = np.round(np.where(inside, position, 0))[:, None].astype(int) + np.arange(-_WINDOW, _WINDOW + 1)
@@ -85,8 +92,8 @@ class _Rays(NamedTuple):
         away = near - position[:, None]
         weights = np.where(inside[:, None] & (near == frames), np.exp(-0.5 * away**2), 0.0)
         return (
-            _straight(weights, away, self.centres[camera][frames][:, :, None])[:, 0],
-            _straight(weights, away, self.directions[camera][frames]),
+            _straight(weights, away, self.centres[frames][:, :, None])[:, 0],
+            _straight(weights, away, self.directions[frames]),
         )
 
 
@@ -114,65 +121,58 @@ def person_clock(capture: Capture, solved: Solved) -> PersonClock | None:
     (jackknife). `capture` is as recorded, `solved` in any units. None where too little is seen in two views, or the
     best lies at the end of what was looked at.
     """
-    rays = _rays(capture, solved)
+    rays = [_rays(capture, solved, camera) for camera in range(capture.num_cameras)]
     frame, focal = 1 / capture.fps, float(solved.intrinsics[:, 0, 0].mean())
-    times = rays.seconds[0][:: -(-capture.num_frames // _MOST_FRAMES)]
-    if np.isfinite(_distances(rays, times, np.zeros(capture.num_cameras - 1))).sum() < _FEWEST_ROWS:
-        return None
+    times = rays[0].seconds[:: -(-capture.num_frames // _MOST_FRAMES)]
+
+    @functools.lru_cache(maxsize=4 * len(rays))  # one camera moves at a time
+    def placed(camera: int, frames: float) -> tuple[np.ndarray, np.ndarray]:
+        return rays[camera].at(times - frames * frame)
 
     def distances(frames: Float[np.ndarray, " other"]) -> Float[np.ndarray, "pair time joint"]:
-        return focal * _distances(rays, times, frames * frame)
+        return focal * _distances([placed(camera, late) for camera, late in enumerate((0.0, *frames.tolist()))])
 
     before = distances(np.zeros(capture.num_cameras - 1))
+    if np.isfinite(before).sum() < _FEWEST_ROWS:
+        return None
     blocks = np.arange(len(times)) * _BLOCKS // len(times)
     starts = _starts(distances, capture.num_cameras - 1, _REACH / frame, _spread(before), blocks)
     found = _solve(distances, starts[0])
     if (np.abs(found) > _REACH / frame).any():
         return None
+    after = distances(found)
     without = [
-        _solve(lambda x, kept=blocks != block: distances(x)[:, kept], start) for block, start in enumerate(starts[1:])
+        _solve(lambda x, kept=blocks != block: distances(x)[:, kept], start, (_spread(after),))
+        for block, start in enumerate(starts[1:])
     ]
     spread = np.sqrt((_BLOCKS - 1) * np.mean((np.array(without) - found) ** 2, axis=0))
     late, deviation = (np.concatenate([[0.0], values]) * frame for values in (found, spread))
-    return PersonClock(late, deviation, *(float(np.nanmedian(np.abs(d))) for d in (before, distances(found))))
+    return PersonClock(late, deviation, *(float(np.nanmedian(np.abs(d))) for d in (before, after)))
 
 
-def _rays(capture: Capture, solved: Solved) -> _Rays:
-    shape = capture.num_cameras, capture.num_frames
-    directions = np.full((*shape, len(_ROWS), 3), np.nan)
-    poses = solved.shared_poses()
-    for camera in range(capture.num_cameras):
-        lens = Undistortion(solved.intrinsics[camera], solved.distortion[camera], capture.sizes[camera])
-        inverse = np.linalg.inv(solved.intrinsics[camera])
-        for frame in range(capture.num_frames):
-            person = capture.keypoints(camera, frame)
-            if person is None:
-                continue
-            seen = person[_ROWS, 2] >= CONFIDENT
-            if not seen.any():
-                continue
-            pixels = lens.points(person[_ROWS[seen], :2])
-            local = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ inverse.T
-            world = local @ poses[camera, frame, :3, :3]
-            directions[camera, frame, seen] = world / np.linalg.norm(world, axis=1, keepdims=True)
-    seconds = np.stack(
-        [
-            index.seconds[own] + offset
-            for index, own, offset in zip(capture.indices, capture.video_frames, capture.offsets, strict=True)
-        ]
-    )
-    centres = camera_centres(poses.reshape(-1, 4, 4)).reshape(*shape, 3)
-    return _Rays(seconds, centres, directions)
+def _rays(capture: Capture, solved: Solved, camera: int) -> _Rays:
+    matrix, index = solved.intrinsics[camera], capture.indices[camera]
+    lens, inverse = Undistortion(matrix, solved.distortion[camera], capture.sizes[camera]), np.linalg.inv(matrix)
+    own, positions = np.unique(capture.video_frames[camera], return_index=True)  # a slower video shows some twice
+    poses = solved.shared_poses()[camera, positions]
+    directions = np.full((len(own), len(_ROWS), 3), np.nan)
+    for rays, pose, position in zip(directions, poses, positions.tolist(), strict=True):
+        person = capture.keypoints(camera, position)
+        seen = np.zeros(len(_ROWS), bool) if person is None else person[_ROWS, 2] >= CONFIDENT
+        if person is None or not seen.any():
+            continue
+        pixels = lens.points(person[_ROWS[seen], :2])
+        world = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ inverse.T @ pose[:3, :3]
+        rays[seen] = world / np.linalg.norm(world, axis=1, keepdims=True)
+    return _Rays(index.seconds[own] + capture.offsets[camera], camera_centres(poses), directions)
 
 
 def _distances(
-    rays: _Rays, times: Float[np.ndarray, " time"], late: Float[np.ndarray, " other"]
+    placed: Sequence[tuple[Float[np.ndarray, "time 3"], Float[np.ndarray, "time joint 3"]]],
 ) -> Float[np.ndarray, "pair time joint"]:
     """Measure Sampson's distances of rays of every two cameras, in focal lengths; NaN where a joint is not seen."""
-    moved = np.concatenate([[0.0], late])
     found = []
-    for a, b in itertools.combinations(range(len(moved)), 2):
-        (first, left), (second, right) = (rays.at(camera, times - moved[camera]) for camera in (a, b))
+    for (first, left), (second, right) in itertools.combinations(placed, 2):
         base = np.broadcast_to((second - first)[:, None], left.shape)
         planes = np.stack([np.cross(base, left), np.cross(base, right)])
         apart = np.einsum("tji,tji->tj", base, np.cross(left, right))
@@ -185,7 +185,7 @@ def _spread(distances: Float[np.ndarray, "pair time joint"]) -> float:
 
 
 def _starts(
-    distances, count: int, reach: float, sigma: float, blocks: Int[np.ndarray, " time"]
+    distances: _Distances, count: int, reach: float, sigma: float, blocks: Int[np.ndarray, " time"]
 ) -> list[Float[np.ndarray, " other"]]:
     """Try moments of one camera after the other: the best of a grid, for all blocks and without each in turn.
 
@@ -206,14 +206,22 @@ def _starts(
     return list(starts)
 
 
-def _solve(distances, start: Float[np.ndarray, " other"], rounds: int = 2) -> Float[np.ndarray, " other"]:
+def _solve(
+    distances: _Distances, start: Float[np.ndarray, " other"], sigmas: Sequence[float | None] = (None, None)
+) -> Float[np.ndarray, " other"]:
+    """Find the moments of least loss, once per scale of the distances; None takes it from where the last one ended."""
     found = start
-    for _ in range(rounds):
+    for sigma in sigmas:
         rows = distances(found)
-        sigma, kept = _spread(rows), ~np.isnan(rows)
+        kept, scale = ~np.isnan(rows), _spread(rows) if sigma is None else sigma
 
         def residuals(x: np.ndarray, kept: np.ndarray = kept) -> np.ndarray:
             return np.nan_to_num(distances(x))[kept]
 
-        found = least_squares(residuals, found, loss="cauchy", f_scale=sigma, diff_step=0.02, max_nfev=20).x
+        def slopes(x: np.ndarray, residuals: _Distances = residuals) -> np.ndarray:
+            steps = _SLOPE * np.eye(len(x))
+            return np.stack([residuals(x + step) - residuals(x - step) for step in steps], axis=1) / (2 * _SLOPE)
+
+        jacobian: Any = slopes  # whose type scipy states too narrowly
+        found = least_squares(residuals, found, jacobian, loss="cauchy", f_scale=scale, max_nfev=40).x
     return found

@@ -70,7 +70,7 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
             f"frames {start}:{'' if stop is None else stop} were asked for, but {shortest.path.name} has "
             f"{shortest.num_frames} frames, 0 to {shortest.num_frames - 1}"
         )
-    names = camera_names(paths)
+    names = camera_names([index.path for index in indices])
     for name, seconds in options.offset.items():
         if name not in names or len(names) == 1:
             raise InputError(f"--offset names {name!r}; {_offset_wanted(names)}")
