@@ -127,16 +127,28 @@ def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def numbers_by_camera(texts: tuple[str, ...], option: str, what: str, example: str) -> dict[str, float]:
-    """Read `OPTION CAMERA=NUMBER ...` as a dictionary."""
+def named_numbers(texts: tuple[str, ...], option: str, form: str, example: str) -> dict[str, float]:
+    """Read `OPTION NAME=NUMBER ...` as a dictionary."""
+    return {name: value for name, (value,) in named_places(texts, option, form, example).items()}
+
+
+def named_places(texts: tuple[str, ...], option: str, form: str, example: str) -> dict[str, tuple[float, ...]]:
+    """Read `OPTION NAME=NUMBER,NUMBER ...` as a dictionary; of as many numbers as `form` has, such as CAMERA=X,Y."""
     found = {}
     for text in texts:
-        name, _, value = text.partition("=")
+        name, _, values = text.partition("=")
         try:
-            found[name] = float(value)
+            found[name] = tuple(float(value) for value in values.split(","))
         except ValueError:
-            raise InputError(f"{option} has {text!r}; CAMERA={what} was expected, such as cam0={example}.") from None
+            found[name] = ()
+        if len(found[name]) != form.count(",") + 1:
+            raise InputError(f"{option} has {text!r}; {form} was expected, such as {example}.")
     return found
+
+
+def person_pixels(texts: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    """Read `--person CAMERA=X,Y ...` as a dictionary."""
+    return {name: (x, y) for name, (x, y) in named_places(texts, "--person", "CAMERA=X,Y", "cam0=430,250").items()}
 
 
 def open_span(text: str | None, name: str = "--frames") -> tuple[int, int | None] | None:

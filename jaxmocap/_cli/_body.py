@@ -5,9 +5,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from jaxmocap._results import InputError
-
-from ._arguments import Json
+from ._arguments import Json, named_numbers
 from ._output import show
 from ._rig import refuse_unusable
 
@@ -67,10 +65,10 @@ def body(
     refuse_unusable(out)
     character = body(
         height,
-        _numbers("--lengths", lengths, "thigh=1.05"),
-        _numbers("--girths", girths, "torso=1.1"),
+        named_numbers(lengths, "--lengths", "NAME=FACTOR", "thigh=1.05"),
+        named_numbers(girths, "--girths", "NAME=FACTOR", "torso=1.1"),
         model=model,
-        parameters=_numbers("--parameters", parameters, "weight=0.7"),
+        parameters=named_numbers(parameters, "--parameters", "NAME=VALUE", "weight=0.7"),
         assets=assets,
         num_faces=triangles,
     )
@@ -81,15 +79,3 @@ def body(
     record = {"out": out, "model": model, "height_m": tall, "triangles": len(character.faces)}
     show(record, lambda: f"{out}: {tall:.2f} m tall, {len(character.faces)} triangles", json_wanted=json)
     return 0
-
-
-def _numbers(option: str, texts: tuple[str, ...], example: str) -> dict[str, float]:
-    found = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        try:
-            found[name] = float(value)
-        except ValueError:
-            kind = "FACTOR" if option != "--parameters" else "VALUE"
-            raise InputError(f"{option} has {text!r}; NAME={kind} was expected, such as {example}.") from None
-    return found

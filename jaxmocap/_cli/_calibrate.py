@@ -8,7 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import CaptureOrVideos, FrameSpan, Json, NewCapture, Seed, numbers_by_camera, open_span
+from ._arguments import CaptureOrVideos, FrameSpan, Json, NewCapture, Seed, named_numbers, open_span
 from ._output import progress, say, show
 
 
@@ -68,7 +68,7 @@ def calibrate(
         bool,
         tyro.conf.arg(
             help="Leave offset in capture.toml as it is.",
-            help_behavior_hint="(default: set by the person, where keypoints at many frames tell it)",
+            help_behavior_hint="(default: set where the person's motion tells it)",
         ),
     ] = False,
     key_step: Annotated[int, tyro.conf.arg(metavar="N", help="One key frame in so many frames.")] = 5,
@@ -86,7 +86,7 @@ def calibrate(
     videos alone have no keypoints."""
     from jaxmocap.pipeline import calibrate
 
-    lengths = numbers_by_camera(focal, "--focal", "PIXELS", "1450")
+    lengths = named_numbers(focal, "--focal", "CAMERA=PIXELS", "cam0=1450")
     with progress() as report:
         calibration = calibrate(
             capture,

@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from rich.table import Table
 
-from jaxmocap._results import InputError
-
-from ._arguments import CapturePath, FrameSpan, Json, frame_span
+from ._arguments import CapturePath, FrameSpan, Json, frame_span, person_pixels
 from ._output import progress, say, show
 
 if TYPE_CHECKING:
@@ -67,25 +65,13 @@ def detect(
             cameras=cameras,
             model=model,
             weights=weights,
-            person=_pixels(person),
+            person=person_pixels(person),
             replace=replace,
             say=say,
             progress=report,
         )
     show({"folder": found.folder, **found.record}, lambda: _table(found), json_wanted=json)
     return 0
-
-
-def _pixels(texts: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    found = {}
-    for text in texts:
-        name, _, place = text.partition("=")
-        try:
-            x, y = map(float, place.split(","))
-        except ValueError:
-            raise InputError(f"--person has {text!r}; CAMERA=X,Y was expected, such as cam0=430,250.") from None
-        found[name] = (x, y)
-    return found
 
 
 def _table(found: "FoundKeypoints") -> Table:

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import Json
+from ._arguments import Json, named_places
 from ._output import say, show, write_png
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -109,7 +109,9 @@ def rig(
     refuse_unusable(out)
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture is {picture}; a file name that ends in .png was expected.")
-    known = ({} if joints is None else _read_joints(joints)) | _single_joints(joint)
+    known = ({} if joints is None else _read_joints(joints)) | named_places(
+        joint, "--joint", "NAME=X,Y,Z", "l_elbow=0.35,1.2,0.02"
+    )
     rigged = rig(
         mesh,
         num_faces=triangles,
@@ -167,17 +169,6 @@ def _read_joints(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise InputError(f'{path} must be one table of joint = place, such as {{"l_elbow": [0.35, 1.2, 0.02]}}.')
     return content
-
-
-def _single_joints(texts: tuple[str, ...]) -> dict[str, list[float]]:
-    found = {}
-    for text in texts:
-        name, _, place = text.partition("=")
-        try:
-            found[name] = [float(number) for number in place.split(",")]
-        except ValueError:
-            raise InputError(f"--joint has {text!r}; NAME=X,Y,Z was expected, such as l_elbow=0.35,1.2,0.02.") from None
-    return found
 
 
 def _table(report: dict[str, Any], out: Path) -> Table:

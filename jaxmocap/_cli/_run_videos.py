@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.table import Table
 
-from jaxmocap._results import InputError
-
-from ._arguments import Json, Preset, Seed, Weights, numbers_by_camera, open_span
+from ._arguments import Json, Preset, Seed, Weights, named_numbers, open_span, person_pixels
 from ._output import progress, say, show
 from ._track import report_trust, summary
 
@@ -114,13 +112,13 @@ def run_videos(
             out,
             height=height,
             camera_distance=camera_distance,
-            focal=numbers_by_camera(focal, "--focal", "PIXELS", "1450"),
-            offset=numbers_by_camera(offset, "--offset", "SECONDS", "-0.4"),
+            focal=named_numbers(focal, "--focal", "CAMERA=PIXELS", "cam0=1450"),
+            offset=named_numbers(offset, "--offset", "CAMERA=SECONDS", "cam0=-0.4"),
             frames=open_span(frames) or (0, None),
             quality=quality,
             actor=actor,
             scan=scan,
-            person=_pixels(person),
+            person=person_pixels(person),
             weights=weights,
             keypoints=keypoints,
             static=static,
@@ -142,18 +140,6 @@ def say_plan(planned: "list[PlannedStage]", out: Path) -> None:
     say(f"{out}:")
     for number, stage in enumerate(planned, 1):
         say(f"  {number}. {stage}")
-
-
-def _pixels(texts: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    found = {}
-    for text in texts:
-        name, _, place = text.partition("=")
-        try:
-            x, y = (float(part) for part in place.split(","))
-        except ValueError:
-            raise InputError(f"--person has {text!r}; CAMERA=X,Y was expected, such as cam0=430,250.") from None
-        found[name] = (x, y)
-    return found
 
 
 def _table(seconds: dict[str, float], found: dict[str, float], report: Path) -> Table:

@@ -1,4 +1,4 @@
-"""When each video began, to a part of a frame, by the person: rays of calibrated cameras meet at one time only.
+"""When each video began, to a fraction of a frame: rays of calibrated cameras to the person meet at one time only.
 
 Sound and motion of the pictures are good to about a frame. Cameras that move are found by the background alone,
 whenever they filmed it, so that a joint that they see at the same moment lies on its epipolar line, and one that moved

@@ -46,8 +46,8 @@ def calibrate(
     pixels, by camera, are kept; without them they are found. `intrinsics` is a calibration file whose lenses are kept,
     of cameras that stand still; its poses do not count. `frames` (first, end) are the shared frames that are wanted, by
     default all: a camera that is lost for a second on end is refused there, and elsewhere filled in. Keypoints at many
-    frames tell when the videos began to a part of a frame; `offset` is set where that is known, unless `keep_offsets`.
-    `say` takes sentences about what is assumed and found.
+    frames tell to a fraction of a frame when the videos began; `offset` is set where that is known, unless
+    `keep_offsets`. `say` takes sentences about what is assumed and found.
 
     Raises `InputError`, with nothing changed on disk, for footage that cannot be calibrated.
     """
@@ -109,8 +109,8 @@ def _say_what_time(found: Calibration, say: Callable[[str], None]) -> None:
         late, deviation = 1000 * one["late_seconds"], 1000 * one["deviation_seconds"]
         if abs(late) >= 1:
             say(
-                f"By the person {name} began {abs(late):.0f} ms {'later' if late > 0 else 'earlier'} than its offset "
-                f"said (± {deviation:.0f} ms); offset = {offset:g} now."
+                f"{name} began {abs(late):.0f} ms {'later' if late > 0 else 'earlier'} than its offset said "
+                f"(± {deviation:.0f} ms), as the person's motion shows: offset is {offset:g} now."
             )
 
 
