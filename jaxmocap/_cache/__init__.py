@@ -8,6 +8,7 @@ from ._programs import (
     optimised_jit as optimised_jit,
     preload_programs as preload_programs,
     programs_recorded as programs_recorded,
+    small_jit as small_jit,
 )
 from ._records import (
     Stand as Stand,

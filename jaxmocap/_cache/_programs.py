@@ -48,7 +48,9 @@ _ahead: dict[Path, Future[_Program]] = {}
 _used: dict[str, None] = {}
 
 
-def cached_jit(function: Callable[_P, _T], options: Callable[[], dict[str, Any]] = dict) -> Callable[_P, _T]:
+def cached_jit(
+    function: Callable[_P, _T], options: Callable[[], dict[str, Any]] = dict, on_cpu: bool = False
+) -> Callable[_P, _T]:
     """Wrap a pure function of this package in `eqx.filter_jit`; its lowered programs are kept on disk (CPU only).
 
     It takes positional arguments. A program is taken from disk where the package's source, the versions of what traces
@@ -56,13 +58,22 @@ def cached_jit(function: Callable[_P, _T], options: Callable[[], dict[str, Any]]
     an argument holds a value that cannot be compared with one of another run (a function, a record of somebody else),
     where the function is itself being traced, or where anything is wrong with the folder, the function is traced as
     ever. An exported program is what tracing gives, so the bits are the same. `options` gives XLA's options for a CPU.
+    With `on_cpu` it runs there also where JAX has an accelerator.
     """
-    return cast(Any, functools.wraps(function)(_CachedJit(function, options)))
+    return cast(Any, functools.wraps(function)(_CachedJit(function, options, on_cpu)))
 
 
 def optimised_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """Wrap what runs for seconds in every frame in `cached_jit`, compiled for speed where that takes XLA longer."""
     return cached_jit(function, quick_loops)
+
+
+def small_jit(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Wrap what takes thousands of small steps one after the other in `cached_jit`; it always runs on the CPU.
+
+    An accelerator takes longer to begin such a step than a CPU to do it.
+    """
+    return cached_jit(function, on_cpu=True)
 
 
 @contextlib.contextmanager
@@ -121,10 +132,11 @@ def make_room() -> None:
 class _CachedJit:
     every: ClassVar["weakref.WeakSet[_CachedJit]"] = weakref.WeakSet()
 
-    def __init__(self, function: Callable[..., Any], options: Callable[[], dict[str, Any]]):
+    def __init__(self, function: Callable[..., Any], options: Callable[[], dict[str, Any]], on_cpu: bool):
         self.every.add(self)
         self.function = function
         self.options = options
+        self.on_cpu = on_cpu
         self.programs: dict[Any, _Program | None] = {}
 
     @functools.cached_property
@@ -146,7 +158,10 @@ class _CachedJit:
         folder = os.environ.get(FOLDER, "")
         leaves, tree = jax.tree.flatten(args)
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
-        if not folder or jax.default_backend() != "cpu" or any(isinstance(one, jax.core.Tracer) for one in arrays):
+        inside = any(isinstance(one, jax.core.Tracer) for one in arrays)
+        if self.on_cpu and jax.default_backend() != "cpu" and not inside:
+            return self._from_accelerator(args)
+        if not folder or jax.default_backend() != "cpu" or inside:
             return self.traced(*args)
         shapes = tuple(_shape(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
         known = (folder, tree, shapes, *(_configuration().items()))
@@ -158,6 +173,16 @@ class _CachedJit:
         program, answer = found
         values = jax.device_put([np.asarray(value) for value in program(*arrays)])  # as free to move as traced ones
         return jax.tree.unflatten(answer, values)
+
+    def _from_accelerator(self, args: tuple[Any, ...]) -> Any:
+        """Call it on the CPU, if JAX may use it; arguments and answer are on the accelerator."""
+        try:
+            cpu = jax.local_devices(backend="cpu")[0]
+        except RuntimeError:
+            return self.traced(*args)
+        arrays, others = eqx.partition(args, eqx.is_array)
+        answer = self.traced(*eqx.combine(jax.device_put(jax.device_get(arrays), cpu), others))
+        return jax.device_put(jax.device_get(answer))
 
     def _program(self, folder: Path, tree: Any, leaves: list[Any], arrays: list[Any]) -> _Program | None:
         """From disk, or traced and put there; None where it cannot be kept."""

@@ -7,6 +7,7 @@ that a search that holds on to one of them may be walled in where the other one 
 """
 
 import math
+from functools import lru_cache
 
 import equinox as eqx
 import jax
@@ -84,10 +85,11 @@ def clamp(skeleton: Skeleton, pose: Pose) -> Pose:
 
 
 def with_limb(pose: Pose, limb: Pose, dofs: tuple[int, ...], share: float = 1.0) -> Pose:
-    """Move the angles `dofs` of a pose a share of the way to those of another one."""
-    index = jnp.array(dofs) - ROOT_DOFS
-    here = pose.angles[index]
-    return Pose(pose.root, pose.angles.at[index].set(here + share * (limb.angles[index] - here)))
+    """Move the angles `dofs` of a pose a share of the way to those of another one (host)."""
+    index = np.array(dofs) - ROOT_DOFS
+    angles, there = np.array(pose.angles), np.asarray(limb.angles)[index]
+    angles[index] += np.float32(share) * (there - angles[index])
+    return Pose(pose.root, jax.device_put(angles))
 
 
 _RIGHT_ANGLE = 1e-3
@@ -95,16 +97,22 @@ _RIGHT_ANGLE = 1e-3
 
 def ball_joints(skeleton: Skeleton) -> list[tuple[slice, float]]:
     """List the angles of each ball joint, and `2 c` (host)."""
-    axes, origins = np.asarray(skeleton.axes, np.float64), np.asarray(skeleton.origins)
+    axes, origins = np.asarray(skeleton.axes, np.float64), np.asarray(skeleton.origins, np.float64)
+    return list(_ball_joints(axes.tobytes(), origins.tobytes(), skeleton.dof_body))
+
+
+@lru_cache(maxsize=16)
+def _ball_joints(axes_bytes: bytes, origins_bytes: bytes, dof_body: tuple[int, ...]) -> tuple[tuple[slice, float], ...]:
+    axes, origins = (np.frombuffer(values).reshape(-1, 3) for values in (axes_bytes, origins_bytes))
     found = []
-    for first in range(skeleton.num_angles - 2):
+    for first in range(len(axes) - 2):
         place = slice(first, first + 3)
         u, v, w = axes[place]
-        one_body = len(set(skeleton.dof_body[place])) == 1
+        one_body = len(set(dof_body[place])) == 1
         one_point = np.allclose(origins[place], origins[first], atol=1e-6)
         if one_body and one_point and max(abs(u @ v), abs(v @ w)) < _RIGHT_ANGLE:
             found.append((place, 2 * math.atan2(np.cross(w, u) @ v, u @ w)))
-    return found
+    return tuple(found)
 
 
 def equivalent_angles(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxmocap._runtime import cores
 from jaxmocap.appearance import (
     Appearance,
     GridWarp,
@@ -95,7 +96,7 @@ class BackgroundModel:
                 warps.append((selected, warp))
             return self._grid_distance(camera, warps, image, rectangle, labels[camera]), after
 
-        with ThreadPoolExecutor(max_workers=2) as pool:
+        with ThreadPoolExecutor(cores()) as pool:
             found = list(pool.map(one, range(len(shown.images))))
         return [distance for distance, _ in found], tuple(after for _, after in found)
 
@@ -111,7 +112,7 @@ class BackgroundModel:
                 return known[camera]
             return replace(known[camera], plate=plate.learnt(people[camera] >= 0, rectangle.window(camera)))
 
-        with ThreadPoolExecutor(max_workers=2) as pool:
+        with ThreadPoolExecutor(cores()) as pool:
             return tuple(pool.map(learnt, range(len(known))))
 
     def _selected_picture(self, camera: int, selected: int) -> tuple[np.ndarray, np.ndarray]:

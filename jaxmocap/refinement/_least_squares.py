@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmocap._cache import cached_jit
+from jaxmocap._cache import cached_jit, small_jit
 from jaxmocap.character import ROOT_DOFS, Character, Pose, retract
 from jaxmocap.energies import LineResidual, SurfaceLines, join_lines
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
@@ -109,7 +109,7 @@ def normal_equations(
     return Normal(jnp.sum(value**2), slope, jnp.matmul(jacobian.T, jacobian, precision="highest"))
 
 
-@cached_jit
+@small_jit
 def damped_step(
     normal: Normal, delta: Float[Array, "dof"], prior: Prior, damping: Float[Array, ""], refiner: AbstractRefiner
 ) -> Float[Array, "dof"]:

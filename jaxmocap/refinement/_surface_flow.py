@@ -17,6 +17,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
+from jaxmocap._runtime import cores
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Pose, skin
 from jaxmocap.energies import SurfaceLines, surface_lines
@@ -138,7 +139,7 @@ def surface_flow(
         camera, source = pair
         return _one_source(character, vertices, host_ids[camera], greys[camera], camera, problem, source, settings)
 
-    with ThreadPoolExecutor(max_workers=2) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         return [lines for found in pool.map(one, pairs) for lines in found]
 
 

@@ -56,29 +56,31 @@ def transfer(
 ) -> SurfaceTransfer:
     """Transfer every covered pixel of `view` over the surface into `source`; `near_faces` is the bit table of Eq. 7,
     which says what counts as the same surface. What is not seen is left at 0."""
-    here, there = view.corners(faces), source.corners(faces)
+    covered = np.flatnonzero(view.ids >= 0)
+    number, (height, width) = view.ids.reshape(-1)[covered], view.ids.shape
+    marked = np.zeros(len(faces), bool)
+    marked[number] = True
+    shown, face = faces[marked], (np.cumsum(marked) - 1)[number]  # most faces of a mesh are not seen
+    here, there = view.corners(shown), source.corners(shown)
     table = homographies(here, view.intrinsics, there, source.intrinsics)
     squarely = np.minimum(facing_cosine(here), facing_cosine(there)).astype(np.float32)
-    height, width = view.ids.shape
-    covered = np.flatnonzero(view.ids >= 0)
-    face = view.ids.reshape(-1)[covered]
     row, column = np.divmod(covered, width)
-    x, y = (column + view.origin[1] + 0.5)[:, None], (row + view.origin[0] + 0.5)[:, None]
-    maps = table[face]
-    there_pixel = maps[:, :, 0] * x + maps[:, :, 1] * y + maps[:, :, 2]
+    x, y = column + (view.origin[1] + 0.5), row + (view.origin[0] + 0.5)
+    maps = np.ascontiguousarray(table.reshape(-1, 9).T)  # one array per entry: a third of the time of whole matrices
+    across, along, depth = (maps[k][face] * x + maps[k + 1][face] * y + maps[k + 2][face] for k in (0, 3, 6))
     with np.errstate(divide="ignore", invalid="ignore"):
-        pixel = there_pixel[:, :2] / there_pixel[:, 2:]
+        pixel = np.stack([across / depth, along / depth])
     rows, columns = source.ids.shape
-    in_front = np.all(there[..., 2] > LEAST_DEPTH, axis=1)[face] & np.isfinite(pixel).all(1)
-    pixel = np.where(in_front[:, None], pixel, -1.0).clip(-1e6, 1e6)
-    right, down = (np.floor(pixel) - source.origin[::-1]).astype(np.int32).T
+    in_front = np.all(there[..., 2] > LEAST_DEPTH, axis=1)[face] & np.isfinite(pixel).all(0)
+    pixel = np.where(in_front, pixel, -1.0).clip(-1e6, 1e6)
+    right, down = (np.floor(pixel) - np.array(source.origin[::-1])[:, None]).astype(np.int32)
     inside = in_front & (right >= 0) & (down >= 0) & (right < columns) & (down < rows)
     other = source.ids[down.clip(0, rows - 1), right.clip(0, columns - 1)]
-    same = near_faces[face, np.maximum(other, 0) >> 5] >> (np.maximum(other, 0) & 31).astype(np.uint32) & 1
+    same = near_faces[number, np.maximum(other, 0) >> 5] >> (np.maximum(other, 0) & 31).astype(np.uint32) & 1
     found = SurfaceTransfer(
         np.zeros((height, width, 2), np.float32), np.zeros((height, width), bool), np.zeros((height, width), np.float32)
     )
-    found.source_pixel.reshape(-1, 2)[covered] = pixel
+    found.source_pixel.reshape(-1, 2)[covered] = pixel.T
     found.seen.reshape(-1)[covered] = inside & (other >= 0) & (same == 1)
     found.cosine.reshape(-1)[covered] = squarely[face]
     return found

@@ -199,10 +199,10 @@ class GroupSearch:
             result = _search(
                 self.energy, base, sampler, group, self.step, sizes.capacity, box, self.distal, reach.wide, prior, key
             )
-            result = jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)), result)
+            result = jax.device_get(result)
             needed, needed_base = int(result.needed), int(result.needed_base)
             if 1.1 * needed <= sizes.capacity and needed_base <= sizes.base_capacity:
-                return result
+                return jax.device_put(result)
             sizes.capacity = max(sizes.capacity, power_of_two(1.2 * needed))
             sizes.base_capacity = max(sizes.base_capacity, power_of_two(1.1 * needed_base))
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxmocap._runtime import cores
 from jaxmocap.camera import view_angles
 from jaxmocap.character import Pose, Skeleton, skin
 from jaxmocap.observation import Frame
@@ -109,7 +110,7 @@ def _between_views(
     pairs = list(itertools.permutations(range(problem.num_cameras), 2))
     gaps, matched = [], []
     limbs: list[list[np.ndarray]] = [[np.zeros(0)] for _ in evidence.distal]
-    with ThreadPoolExecutor(max_workers=2) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         comparisons = list(pool.map(compared, pairs))
     for (m, _), found in zip(pairs, comparisons, strict=True):
         if found is None:
