@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from figures import Figure, add_options, finish, record
-from rasterisers import median_ms, scene
+from rasterisers import median_ms
+from scene import scene
 
 from jaxmocap.energies import search_energy
 from jaxmocap.experiments import SearchBatch

@@ -180,9 +180,12 @@ class _CachedJit:
             cpu = jax.local_devices(backend="cpu")[0]
         except RuntimeError:
             return self.traced(*args)
-        arrays, others = eqx.partition(args, eqx.is_array)
-        answer = self.traced(*eqx.combine(jax.device_put(jax.device_get(arrays), cpu), others))
-        return jax.device_put(jax.device_get(answer))
+
+        def moved(values: Any, device: jax.Device | None) -> Any:
+            arrays, others = eqx.partition(values, eqx.is_array)
+            return eqx.combine(jax.device_put(jax.device_get(arrays), device), others)
+
+        return moved(self.traced(*moved(args, cpu)), None)
 
     def _program(self, folder: Path, tree: Any, leaves: list[Any], arrays: list[Any]) -> _Program | None:
         """From disk, or traced and put there; None where it cannot be kept."""

@@ -9,7 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap._cache import _programs, cached_jit, free_programs, optimised_jit, preload_programs, programs_recorded
+from jaxmocap._cache import (
+    _programs,
+    cached_jit,
+    free_programs,
+    optimised_jit,
+    preload_programs,
+    programs_recorded,
+    small_jit,
+)
 from jaxmocap.character import Pose
 
 TRACES: list[str] = []
@@ -160,3 +168,29 @@ def test_only_our_own_programs_are_dropped(folder):
     assert len(ours.programs) == 0
     assert theirs._cache_size() == 1
     same([before], [ours(*arguments(5))])
+
+
+@pytest.mark.parametrize("cpu", [True, False])
+def test_a_program_of_small_steps_runs_on_the_cpu_beside_an_accelerator(monkeypatch, cpu):
+    def halved(values, named, times):
+        return {"left": values / 2**times, "name": named}
+
+    program, values = small_jit(halved), jnp.arange(3.0)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    asked, devices = [], jax.local_devices
+
+    def local_devices(*args, backend=None):
+        if backend == "cpu":
+            asked.append(backend)
+            if not cpu:
+                raise RuntimeError("JAX may use the accelerator only")
+        return devices(*args)
+
+    monkeypatch.setattr(jax, "local_devices", local_devices)
+    found = program(values, "half", 2)
+    assert asked == ["cpu"]
+    assert found["name"] == "half"
+    np.testing.assert_array_equal(found["left"], [0, 0.25, 0.5])
+    assert isinstance(found["left"], jax.Array)
+    slope = jax.grad(lambda x: program(x, "half", 2)["left"].sum())(values)
+    np.testing.assert_array_equal(slope, 0.25)  # inside another program it is traced like any other

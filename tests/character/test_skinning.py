@@ -1,5 +1,7 @@
 """Eqs 1, 2 and 4: known values, the adjoint Jacobian against automatic differentiation, the Taylor error's order."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +20,7 @@ from jaxmocap.character import (
     skin,
     taylor_skin,
 )
+from jaxmocap.character._kinematics import _steps, chain
 
 
 def some_pose(skeleton, seed: int = 0, size: float = 0.5):
@@ -172,3 +175,17 @@ def test_a_batch_of_poses_is_the_poses_one_by_one(box_figure):
     one = lambda delta: skin(box_figure, retract(skeleton, rest_pose(skeleton), delta))  # noqa: E731
     batch = jax.jit(jax.vmap(one))(deltas)
     np.testing.assert_allclose(batch, jnp.stack([one(delta) for delta in deltas]), atol=3e-6)
+
+
+@pytest.mark.parametrize("trunk_alone", [False, True])
+def test_joints_that_move_side_by_side_end_where_they_do_one_by_one(box_figure, monkeypatch, trunk_alone):
+    """An accelerator poses the joints of a level in one step; a body without any joint follows its parent."""
+    skeleton = box_figure.skeleton
+    if trunk_alone:
+        skeleton = replace(skeleton, dof_body=tuple(min(body, 3) for body in skeleton.dof_body))
+    pose = some_pose(skeleton)
+    alone = chain(skeleton, pose)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    together = chain(skeleton, pose)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=2e-6), together, alone)
+    assert _steps(skeleton.parents, skeleton.dof_body, side_by_side=True).dof.ndim == 2

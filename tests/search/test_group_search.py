@@ -11,7 +11,7 @@ from jaxmocap.character import clamp, retract
 from jaxmocap.energies import search_energy
 from jaxmocap.observation import draw
 from jaxmocap.samplers import InteractingSimulatedAnnealing
-from jaxmocap.search import Reach, group_searches, uncovered_share
+from jaxmocap.search import Reach, _group_search, group_searches, uncovered_share
 from jaxmocap.search._drawn_meshes import simplified_mesh
 from jaxmocap.search._group_search import wide_population
 
@@ -177,3 +177,21 @@ def test_limbs_share_a_program_and_so_do_root_and_torso(searches):
         assert all(shape == shapes[0] for shape in shapes)
         assert len({len(search.dofs) for search in alike}) == 2
     assert searches["root"].sizes is not searches["l_leg"].sizes
+
+
+def test_nothing_leaves_the_device_during_a_search(searches, find, monkeypatch):
+    """On an accelerator a copy to the host would have every generation of particles wait for it."""
+    search = _group_search._search
+
+    def guarded(*args):
+        guards.append(len(jax.tree.leaves(args)))
+        with jax.transfer_guard("disallow"):
+            return search(*args)
+
+    guards: list[int] = []
+    monkeypatch.setattr(_group_search, "_search", guarded)
+    result = find("l_arm")[2]
+    assert guards
+    assert np.isfinite(result.energy)
+    with pytest.raises(Exception, match="Disallowed"), jax.transfer_guard("disallow"):
+        jax.jit(jnp.sin)(np.ones(2))  # the guard is at work
