@@ -4,8 +4,8 @@
 
 First a frame of the built-in capture: the share of pixels that show another face than on the CPU, and generations of
 168 particles scored by Eq. 5 at every pixel. Then a capture is tracked, with the accuracy beside the times; JAX's
-profiler watches the last two frames: how many kernels they start, how many copies they make to and from the device, and
-how long it works. These two frames take longer than the others for being watched. Ratios hold within one run only.
+profiler watches two of the last frames: how many kernels they start, how many copies they make to and from the device,
+and how long it works. These two frames take longer than the others for being watched. Ratios hold within one run only.
 """
 
 import argparse
@@ -123,18 +123,19 @@ def tracked(capture: Path, frames: tuple[int, int], quality: str, seed: int) -> 
         out = Path(folder) / "result"
 
         def note(stage: str, done: int, _: int) -> None:
-            if stage == "track" and done == end - first - WATCHED:
+            if stage == "track" and done == end - first - 1 - WATCHED:
                 jax.profiler.start_trace(folder)
+            elif stage == "track" and done == end - first - 1:
+                jax.profiler.stop_trace()
 
         motion = track_capture(
             capture, out, quality=quality, seed=seed, frames=frames, overlays=False, progress=note, cache=False
         )
-        jax.profiler.stop_trace()
         verdicts = json.loads((out / "report.json").read_text())["verdicts"]
         truth = motion.provenance.get("truth")
         scores = evaluate(out, truth) if truth else {}
         seen = watched(folder)
-    seconds = [verdict["seconds"] for verdict in verdicts][4:-WATCHED]
+    seconds = [verdict["seconds"] for verdict in verdicts][4 : -1 - WATCHED]
     figures = [
         record(f"seconds per frame, {stage}", float(np.mean([own.get(stage, 0) for own in seconds])), "s", 0.5)
         for stage in sorted({stage for own in seconds for stage in own})

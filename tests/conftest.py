@@ -32,6 +32,8 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # a worker has a c
     os.environ.setdefault(_threads, "1")
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+# A matrix product that leaves its precision to JAX has ten bits on a GPU. This one no CPU has: such a product fails.
+os.environ.setdefault("JAX_DEFAULT_MATMUL_PRECISION", "TF32_TF32_F32")
 os.environ["XDG_CACHE_HOME"] = str(ROOT / ".pytest_cache" / "user")
 os.environ["JAXMOCAP_PROGRAMS"] = ""  # every program is traced, so that annotations are checked
 from array_checks import leave_alone_what_names_no_array  # noqa: E402

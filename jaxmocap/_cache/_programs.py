@@ -181,7 +181,7 @@ class _CachedJit:
         except RuntimeError:
             return self.traced(*args)
 
-        def moved(values: Any, device: jax.Device | None) -> Any:
+        def moved(values: Any, device: Any) -> Any:
             arrays, others = eqx.partition(values, eqx.is_array)
             return eqx.combine(jax.device_put(jax.device_get(arrays), device), others)
 

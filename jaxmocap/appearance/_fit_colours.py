@@ -57,7 +57,8 @@ def _cluster_one(pixels: Array, count: Array, seed: Array, key: PRNGKeyArray, se
     extended = jnp.concatenate([pixels, jnp.ones_like(pixels[:1])])
 
     def lloyd(_: Any, means: Array) -> Array:
-        sums = _members(_labels(pixels, means, alive)[0], mask, clusters) @ extended.T
+        members = _members(_labels(pixels, means, alive)[0], mask, clusters)
+        sums = jnp.matmul(members, extended.T, precision="highest")
         return jnp.where(sums[:, 3:] > 0, sums[:, :3] / jnp.maximum(sums[:, 3:], 1.0), means)
 
     def attempt(attempt_key: PRNGKeyArray) -> tuple[Array, Array]:
@@ -74,7 +75,7 @@ def _cluster_one(pixels: Array, count: Array, seed: Array, key: PRNGKeyArray, se
     members = _members(_labels(pixels, means, alive)[0], mask, clusters)
     sizes = jnp.sum(members, axis=1)
     divisor = jnp.maximum(sizes, 1.0)[:, None]
-    means = members @ pixels.T / divisor
+    means = jnp.matmul(members, pixels.T, precision="highest") / divisor
     centred = pixels[None] - means[:, :, None]
     r, g, b = centred[:, 0], centred[:, 1], centred[:, 2]
     products = jnp.stack([r * r, r * g, r * b, g * g, g * b, b * b], axis=1)

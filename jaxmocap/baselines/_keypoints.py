@@ -30,7 +30,8 @@ class LandmarkPoints(eqx.Module):
     weight: Float[Array, "row"]
 
     def __call__(self, character: Character, pose: Pose) -> Float[Array, "rows"]:
-        error = self.mix @ landmark_positions(character.skeleton, pose) - self.points
+        landmarks = landmark_positions(character.skeleton, pose)
+        error = jnp.matmul(self.mix, landmarks, precision="highest") - self.points
         square = jnp.sum(error**2, axis=-1) / _ROBUST**2
         return (error * (jnp.sqrt(self.weight) / jnp.sqrt(1.0 + square) / _SCALE)[:, None]).reshape(-1)
 

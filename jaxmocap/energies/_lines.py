@@ -25,7 +25,7 @@ class SurfaceLines(eqx.Module):
 
     def points(self, vertices: Float[Array, "vertex 3"]) -> Float[Array, "row 3"]:
         """Place the points on a posed mesh."""
-        return jnp.einsum("rk,rkc->rc", self.barycentric, vertices[self.corners])
+        return jnp.einsum("rk,rkc->rc", self.barycentric, vertices[self.corners], precision="highest")
 
     def residual(self, vertices: Float[Array, "vertex 3"]) -> Float[Array, "row 3"]:
         """Compute v x n - m per row (Eq. 9), metres, unweighted."""
@@ -69,9 +69,10 @@ def rays(
 ) -> tuple[Float[Array, "3"], Float[Array, "row 3"], Float[Array, "row 3"]]:
     """Cast rays through pixels: camera centre, unit directions and moments (c x n), in the world."""
     rotation = cam_from_world[:3, :3]
-    centre = -rotation.T @ cam_from_world[:3, 3]
+    centre = -jnp.matmul(rotation.T, cam_from_world[:3, 3], precision="highest")
     ones = jnp.ones_like(pixels[:, :1])
-    direction = jnp.concatenate([pixels, ones], -1) @ inverse(intrinsics).T @ rotation
+    in_camera = jnp.matmul(jnp.concatenate([pixels, ones], -1), inverse(intrinsics).T, precision="highest")
+    direction = jnp.matmul(in_camera, rotation, precision="highest")
     direction /= jnp.linalg.norm(direction, axis=-1, keepdims=True)
     return centre, direction, jnp.cross(jnp.broadcast_to(centre, direction.shape), direction)
 

@@ -50,7 +50,8 @@ class LandmarkRays(eqx.Module):
 
     def distances(self, landmarks: Float[Array, "landmark 3"]) -> Float[Array, "row 3"]:
         """Compute vectors as long as the distance from each row's point to its ray, metres, unweighted."""
-        return jnp.cross(self.mix @ landmarks, self.direction) - self.moment
+        points = jnp.matmul(self.mix, landmarks, precision="highest")
+        return jnp.cross(points, self.direction) - self.moment
 
 
 def keypoint_rays(

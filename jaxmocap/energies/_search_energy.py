@@ -121,7 +121,11 @@ def score_particles(
         return _score(energy, group, base, rows, capacity, driver)
 
     terms, needed = _share_out(generation, dynamic, _Rows(increments, live))
-    return Scores(terms @ energy.weights, terms, needed.max())
+    return Scores(_weighted(terms, energy), terms, needed.max())
+
+
+def _weighted(terms: Float[Array, "*particle term"], energy: SearchEnergy) -> Float[Array, "*particle"]:
+    return jnp.matmul(terms, energy.weights, precision="highest")
 
 
 class _Rows(NamedTuple):
@@ -241,4 +245,4 @@ def soft_score(
     screens, seen = lax.map(look, (problem.projection, problem.origins, problem.depth_range))
     drawn = SoftDrawn(character, pose, problem, screens, seen, settings)
     terms = jnp.stack([term.soft(drawn) for term in energy.terms])
-    return SoftScore(terms @ energy.weights, terms, seen.needed.max(0))
+    return SoftScore(_weighted(terms, energy), terms, seen.needed.max(0))

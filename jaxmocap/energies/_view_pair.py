@@ -27,8 +27,8 @@ class PixelTransfer(NamedTuple):
 
 def pixel_transfer(source: Float[Array, "3 4"], target: Float[Array, "3 4"]) -> PixelTransfer:
     """Build the transfer of pixels from the projections of the two views."""
-    homography = target[:, :3] @ inverse(source[:, :3])
-    return PixelTransfer(homography, target[:, 3] - homography @ source[:, 3])
+    homography = jnp.matmul(target[:, :3], inverse(source[:, :3]), precision="highest")
+    return PixelTransfer(homography, target[:, 3] - jnp.matmul(homography, source[:, 3], precision="highest"))
 
 
 def partner_pixels(

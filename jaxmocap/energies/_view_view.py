@@ -167,19 +167,16 @@ class ViewView(AbstractTerm):
             known=lax.map(lambda way: self._known(way[0], way[1], bare, base, group), (pairs, between))
         )
 
-    def _pixels(self, size: tuple[int, int]) -> tuple[Int[Array, "lane"], Int[Array, "lane"]]:
-        """List rows and columns of the pixels that are scored, in all tiles of a picture of this size."""
-        tiles = (-(-extent // WINDOW) for extent in size)
-        lanes = [jnp.arange(0, WINDOW * count, self.step) for count in tiles]
-        rows, columns = jnp.meshgrid(*lanes, indexing="ij")
-        return rows.reshape(-1), columns.reshape(-1)
-
     def _known(self, pair: Array, between: PixelTransfer, bare: _Prepared, base: Array, group: GroupProblem) -> _Known:
         """For one pair."""
         (m, n), (_, padded_height, padded_width) = pair, base.shape
         down, across = (-(-extent // WINDOW) for extent in group.frame.size)
         side = WINDOW // self.step
-        places = self._places(between, base, group, m, n, *self._pixels(group.frame.size))
+        lanes = [
+            (WINDOW * jnp.arange(tiles)[:, None] + self.step * jnp.arange(side)).reshape(-1) for tiles in (down, across)
+        ]
+        rows, columns = (grid.reshape(-1) for grid in jnp.meshgrid(*lanes, indexing="ij"))
+        places = self._places(between, base, group, m, n, rows, columns)
         cost = self._tile_cost(bare, base, group, *lax.optimization_barrier(places))
         met = (places.face >= 0) & places.inside
         drawn = jnp.maximum(places.drawn - n * (padded_height * padded_width), 0)
@@ -214,12 +211,8 @@ class ViewView(AbstractTerm):
             (m, n), between, known = pair
             place = partial(self._places, between, buffers, group, m, n)
             seen = partial(self._tile_cost, prepared, buffers, group)
-            if drawn.driver == "scatter":  # a loop would be as long as that of the particle which changes most
-                costs = seen(*place(*self._pixels(group.frame.size)))
-                cost, count = jnp.maximum(costs, 0.0).sum(), (costs >= 0).sum()
-                return jnp.where(count > 0, cost / jnp.maximum(count, 1), TAU)
             anew = dirty[m] | _any_within(changes[n], known.first, known.end)
-            cost, count = sum_over_tiles(tiles_at(anew), seen, self.step, place)
+            cost, count = sum_over_tiles(tiles_at(anew), seen, self.step, place, drawn.driver)
             cost += jnp.where(anew, 0.0, known.cost).sum()
             count += jnp.where(anew, 0.0, known.count).sum()
             return jnp.where(count > 0, cost / jnp.maximum(count, 1.0), TAU)

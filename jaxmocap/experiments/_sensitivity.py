@@ -36,7 +36,8 @@ def sensitivity(
 
     def followed(setting: Float[Array, "*setting"]) -> Float[Array, "unknown"]:
         stay = {"max_steps": 1, "throw": False}  # the first step evaluates the start
-        return optimistix.minimise(objective, solver, minimum, setting, adjoint=adjoint, **stay).value
+        with jax.default_matmul_precision("highest"):  # BFGS leaves it to JAX
+            return optimistix.minimise(objective, solver, minimum, setting, adjoint=adjoint, **stay).value
 
     hessian = jax.jacfwd(gradient)(minimum, setting)
     curvature = jnp.linalg.eigvalsh(0.5 * (hessian + hessian.T))
@@ -54,7 +55,8 @@ def newton(
     for _ in range(steps):
         values, vectors = jnp.linalg.eigh(curve(here, setting))
         floor = 1e-4 * jnp.abs(values).max()
-        step = -vectors @ ((vectors.T @ slope(here, setting)) / jnp.maximum(jnp.abs(values), floor))
+        along = jnp.matmul(vectors.T, slope(here, setting), precision="highest")
+        step = -jnp.matmul(vectors, along / jnp.maximum(jnp.abs(values), floor), precision="highest")
         for _ in range(12):
             there = float(value(here + step, setting))
             if there < best:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt8
 
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Pose, filled_up, skin
-from jaxmocap.render import face_ids, inverse_depth_range
+from jaxmocap.render import face_ids, inverse_depth_range, projection_matrices
 
 from ._edges import image_edges
 from ._light import relit
@@ -63,7 +63,7 @@ class FrameProblem(eqx.Module):
 
     @property
     def projection(self) -> Float[Array, "camera 3 4"]:
-        return self.intrinsics @ self.cam_from_world[:, :3]
+        return projection_matrices(self.intrinsics, self.cam_from_world)
 
     def coarser(self, step: int) -> "FrameProblem":
         """Keep every `step`-th pixel centre: point samples rank poses better than box-blurred images.
@@ -77,7 +77,7 @@ class FrameProblem(eqx.Module):
         scale = jnp.array([[1 / step, 0, shift], [0, 1 / step, shift], [0, 0, 1]], self.intrinsics.dtype)
         pick = (slice(None), slice(first, None, step), slice(first, None, step))
         return FrameProblem(
-            intrinsics=scale @ self.intrinsics,
+            intrinsics=jnp.matmul(scale, self.intrinsics, precision="highest"),
             cam_from_world=self.cam_from_world,
             origins=self.origins // step,
             image=self.image[pick],

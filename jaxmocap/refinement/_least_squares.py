@@ -123,7 +123,7 @@ def damped_step(
     factor = jnp.linalg.cholesky(damped).T
     target = delta - jax.scipy.linalg.cho_solve((factor, False), normal.slope)
     problem = RefineProblem(
-        residual=lambda d: factor @ (d - target),
+        residual=lambda d: jnp.matmul(factor, d - target, precision="highest"),
         jacobian=lambda d: factor,
         prior=prior.target,
         lower=prior.lower,

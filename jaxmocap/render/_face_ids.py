@@ -15,7 +15,7 @@ def projection_matrices(
     intrinsics: Float[Array, "*camera 3 3"], cam_from_world: Float[Array, "*camera 4 4"]
 ) -> Float[Array, "*camera 3 4"]:
     """Compute K [R | t] per view."""
-    return intrinsics @ cam_from_world[..., :3, :]
+    return jnp.matmul(intrinsics, cam_from_world[..., :3, :], precision="highest")
 
 
 @jax.jit
@@ -26,7 +26,7 @@ def inverse_depth_range(
 
     Both sides are widened by `slack` metres of depth.
     """
-    depth = vertices @ cam_from_world[2, :3] + cam_from_world[2, 3]
+    depth = jnp.matmul(vertices, cam_from_world[2, :3], precision="highest") + cam_from_world[2, 3]
     nearest = jnp.maximum(depth.min() - slack - 1e-3, 0.05)
     farthest = jnp.maximum(depth.max() + slack + 1e-3, nearest + 1e-2)
     return jnp.stack([1.0 / farthest, 1.0 / nearest])

@@ -15,9 +15,10 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from ._keys import WINDOW
-from ._windows import Places, look_up, running_sum
+from ._windows import Driver, Places, look_up, running_sum
 
-_PIXELS_AT_ONCE = 512
+_PIXELS_AT_ONCE: dict[Driver, int] = {"loop": 512, "scatter": 8192}
+"""Listed pixels that are scored in each round of a loop; in a scatter as many of every particle."""
 
 
 class Tiles(NamedTuple):
@@ -99,19 +100,20 @@ def sum_over_tiles(
     cost: Callable[..., Float[Array, "n"]],
     step: int = 1,
     place: Callable[[Int[Array, "n"], Int[Array, "n"]], Sequence[Any]] = lambda rows, columns: (rows, columns),
+    driver: Driver = "loop",
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Sum and number of the costs that are not negative over every `step`-th row and column of the tiles.
 
-    `cost(*place(rows, columns))` is called for some hundred pixels at a time, in a loop that is as long as the tiles
-    need; it leaves a pixel out by a negative cost. A tile reaches up to seven pixels beyond the picture. What `place`
-    finds is kept before `cost` reads it: XLA would else work out anew for each of several values that are looked up
-    where they lie, which takes longer than the look-ups.
+    `cost(*place(rows, columns))` is called for some hundred pixels at a time, for thousands on an accelerator, in a
+    loop that is as long as the tiles need; it leaves a pixel out by a negative cost. A tile reaches up to seven pixels
+    beyond the picture. What `place` finds is kept before `cost` reads it: XLA would else work out anew for each of
+    several values that are looked up where they lie, which takes longer than the look-ups.
     """
     side = WINDOW // step  # a power of two: shifts, since XLA divides integers one by one
     bits = side.bit_length() - 1
     lanes = side * side
     count, capacity = tiles.count * lanes, tiles.rows.size * lanes
-    at_once = min(_PIXELS_AT_ONCE, capacity)
+    at_once = min(_PIXELS_AT_ONCE[driver], capacity)
 
     def places(slots: Array) -> tuple[Any, ...]:
         tile, lane = slots >> (2 * bits), slots & (lanes - 1)

@@ -127,7 +127,8 @@ def _surface(character: Character, probed: Array, body: tuple[Pose, Array]) -> t
 def _squares(jacobian: Array, metric: Array, pull: Array) -> tuple[Array, Array]:
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     pushed = jnp.einsum("nij,njp->nip", metric, jacobian, precision="highest").reshape(flat.shape)
-    return jnp.matmul(flat.T, pushed, precision="highest"), flat.T @ pull.ravel()
+    square = jnp.matmul(flat.T, pushed, precision="highest")
+    return square, jnp.matmul(flat.T, pull.ravel(), precision="highest")
 
 
 @jax.jit

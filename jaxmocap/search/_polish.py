@@ -7,6 +7,7 @@ local optimization is not consistent") and names this as future work.
 from dataclasses import dataclass, field, replace
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
@@ -59,7 +60,9 @@ def _descend(energy, character, pose, problem, settings, steps, tolerance):
         return score.total, score.needed
 
     solver = optimistix.BFGS(rtol=tolerance, atol=tolerance)
-    found = optimistix.minimise(value, solver, jnp.zeros(skeleton.num_dofs), has_aux=True, max_steps=steps, throw=False)
+    start = jnp.zeros(skeleton.num_dofs)
+    with jax.default_matmul_precision("highest"):  # BFGS leaves it to JAX
+        found = optimistix.minimise(value, solver, start, has_aux=True, max_steps=steps, throw=False)
     best = jnp.where(jnp.isfinite(found.value).all(), found.value, 0.0)
     return moved(best), value(best, None)
 

@@ -10,7 +10,7 @@ import pytest
 from jaxmocap.baselines import GaussianBody, SumsEnergy, SumsOfGaussians, colour_similarity, conditioned_ascent
 from jaxmocap.camera import View, project
 from jaxmocap.character import dominant_bodies, retract, skin
-from jaxmocap.geometry import rigid, so3_exp
+from jaxmocap.geometry import matmul, rigid, so3_exp
 
 FRAME = 2
 FIVE_DEGREES = np.radians(5.0).astype(np.float32)
@@ -47,9 +47,9 @@ def seen_by(world, view: View, body: GaussianBody) -> tuple[np.ndarray, np.ndarr
 
 def all_around(world, count: int) -> View:
     """The first camera at so many places around the person."""
-    view, middle = world.cameras.at(FRAME), jnp.asarray(world.vertices(FRAME).mean(0))
-    turns = [so3_exp(jnp.array([0.0, 2 * jnp.pi * k / count, 0.0])) for k in range(count)]
-    moved = jnp.stack([view.cam_from_world[0] @ rigid(turn, middle - turn @ middle) for turn in turns])
+    view, middle = world.cameras.at(FRAME), world.vertices(FRAME).mean(0)
+    turns = [np.asarray(so3_exp(jnp.array([0.0, 2 * jnp.pi * k / count, 0.0]))) for k in range(count)]
+    moved = jnp.stack([matmul(view.cam_from_world[0], rigid(turn, middle - turn @ middle)) for turn in turns])
     return View(jnp.repeat(view.intrinsics[:1], count, 0), moved)
 
 

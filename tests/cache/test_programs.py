@@ -25,6 +25,8 @@ TRACES: list[str] = []
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
+    if jax.default_backend() != "cpu":
+        pytest.skip("programs are kept on a CPU only")
     monkeypatch.setenv(_programs.FOLDER, str(tmp_path / "programs"))
     TRACES.clear()
     return tmp_path / "programs"

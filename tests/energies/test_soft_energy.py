@@ -11,6 +11,7 @@ from scoring import FRAME, score
 
 from jaxmocap.character import difference, retract
 from jaxmocap.energies import ModelView, Posture, SearchEnergy, Silhouette, ViewView, search_energy, soft_score
+from jaxmocap.geometry import matmul
 from jaxmocap.render import SoftSettings
 
 BOUNDS = (3072, 10240, 28672)
@@ -59,7 +60,7 @@ def _moved_cameras(problem, steps):
 
     def one(pose, step):
         turn = jnp.array([[0, -step[5], step[4]], [step[5], 0, -step[3]], [-step[4], step[3], 0]])
-        return jnp.eye(4).at[:3, :3].add(turn + turn @ turn / 2).at[:3, 3].set(step[:3]) @ pose
+        return matmul(jnp.eye(4).at[:3, :3].add(turn + matmul(turn, turn) / 2).at[:3, 3].set(step[:3]), pose)
 
     focal = jnp.zeros((2, 3, 3)).at[:, 0, 0].set(500 * steps[:, 6]).at[:, 1, 1].set(500 * steps[:, 6])
     return replace(

@@ -96,7 +96,7 @@ def test_logarithms_at_the_identity_and_at_half_a_turn():
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS.keys())
 def test_projection_and_its_gradients(camera):
-    centre = -camera[:3, :3].T @ camera[:3, 3]
+    centre = jnp.asarray(-np.asarray(camera[:3, :3]).T @ np.asarray(camera[:3, 3]))
     points = jnp.concatenate([CHARACTER.vertices, centre[None]])
     value = lambda at, pose: sum(jnp.sum(part) for part in project(INTRINSICS, pose, at))  # noqa: E731
     slope = jax.jit(jax.grad(value, (0, 1)))(points, camera)
@@ -173,7 +173,7 @@ class Plane(eqx.Module):
     offset: jax.Array
 
     def __call__(self, x):
-        return self.matrix @ x + self.offset
+        return jnp.matmul(self.matrix, x, precision="highest") + self.offset
 
 
 @pytest.mark.parametrize("refiner", [Shooting(), LeastSquares()], ids=["shooting", "least squares"])

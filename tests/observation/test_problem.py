@@ -27,7 +27,9 @@ def test_arrays_are_those_of_the_rectangle(world):
         np.testing.assert_allclose(problem.image[camera], rectangle.crop(image, camera) / 255.0, atol=1e-6)
     np.testing.assert_allclose(problem.intrinsics, world.cameras.at(FRAME).intrinsics)
     np.testing.assert_allclose(problem.cam_from_world, world.cameras.at(FRAME).cam_from_world)
-    np.testing.assert_allclose(problem.projection, problem.intrinsics @ problem.cam_from_world[:, :3])
+    np.testing.assert_allclose(
+        problem.projection, np.asarray(problem.intrinsics) @ np.asarray(problem.cam_from_world)[:, :3]
+    )
 
 
 def test_labels_are_the_nearest_palette_colours(world):

@@ -11,6 +11,7 @@ from jaxmocap.energies import LandmarkRays, SurfaceLines, join_lines, rays
 from jaxmocap.refinement import Rows, descend, free_prior
 from jaxmocap.refinement._least_squares import gauss_newton_step
 from jaxmocap.refiners import LeastSquares, Shooting
+from jaxmocap.render import projection_matrices
 
 FRAME, ROBUST, DAMPING = 1, 0.3, jnp.asarray(1e-3, jnp.float32)
 
@@ -29,8 +30,8 @@ def rows(world):
         corners = faces[rng.choice(len(faces), 400, replace=False)]
         barycentric = rng.dirichlet(np.ones(3), 400).astype(np.float32)
         points = np.einsum("rk,rkc->rc", barycentric, world.vertices(FRAME)[corners])
-        projection = np.asarray(view.intrinsics[camera] @ view.cam_from_world[camera, :3])
-        pixels = np.c_[points, np.ones(400)] @ projection.T
+        projection = projection_matrices(view.intrinsics[camera], view.cam_from_world[camera])
+        pixels = np.c_[points, np.ones(400)] @ np.asarray(projection).T
         pixels = jnp.asarray(pixels[:, :2] / pixels[:, 2:], jnp.float32)
         _, direction, moment = rays(view.intrinsics[camera], view.cam_from_world[camera], pixels)
         weight = (np.arange(400) % 10 > 0).astype(np.float32)
@@ -120,10 +121,8 @@ def test_landmark_rows_alone_move_the_landmarks_to_their_rays(world):
     places = np.asarray(landmark_positions(skeleton, world.pose(FRAME)))[names]
     mix, direction, moment = [], [], []
     for camera in range(2):
-        pixels = (
-            np.c_[places, np.ones(len(places))]
-            @ np.asarray(view.intrinsics[camera] @ view.cam_from_world[camera, :3]).T
-        )
+        projection = projection_matrices(view.intrinsics[camera], view.cam_from_world[camera])
+        pixels = np.c_[places, np.ones(len(places))] @ np.asarray(projection).T
         pixels = jnp.asarray(pixels[:, :2] / pixels[:, 2:], jnp.float32)
         _, found, moments = rays(view.intrinsics[camera], view.cam_from_world[camera], pixels)
         mix.append(np.eye(len(skeleton.landmark_names), dtype=np.float32)[names])

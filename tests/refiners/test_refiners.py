@@ -41,7 +41,8 @@ class Curved(eqx.Module):
     scale: float = eqx.field(static=True, default=1.0)
 
     def __call__(self, x):
-        return self.scale * (self.a @ x + 0.3 * jnp.sin(self.b @ x) ** 2) - self.y
+        straight, bent = (jnp.matmul(rows, x, precision="highest") for rows in (self.a, self.b))
+        return self.scale * (straight + 0.3 * jnp.sin(bent) ** 2) - self.y
 
 
 def curved(rows=60, size=6, noise=0.1, seed=0, scale=1.0):
