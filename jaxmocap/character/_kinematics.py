@@ -49,15 +49,16 @@ def chain(skeleton: Skeleton, pose: Pose) -> Chain:
         carried = bodies[1].at[target].set(_apply(rotation, shift) + translation)
         return (moved, carried), (rotation, translation)
 
-    count = len(skeleton.parents) + 2  # the root's transform comes first, and last what no body has
+    count = 1 + len(skeleton.parents)  # the root's transform comes first
+    room = max(count, int(steps.target.max()) + 1)  # what no body has is written behind them
     start = (
-        jnp.broadcast_to(pose.root[:3, :3], (count, 3, 3)).astype(turn.dtype),
-        jnp.broadcast_to(pose.root[:3, 3], (count, 3)).astype(turn.dtype),
+        jnp.broadcast_to(pose.root[:3, :3], (room, 3, 3)).astype(turn.dtype),
+        jnp.broadcast_to(pose.root[:3, 3], (room, 3)).astype(turn.dtype),
     )
     bodies, before = lax.scan(step, start, (jnp.asarray(steps.source), jnp.asarray(steps.target), turn, shift))
     joints = _rows(np.argsort(steps.dof.reshape(-1), kind="stable")[: len(skeleton.dof_body)])
     before = tuple(values.reshape(-1, *values.shape[steps.dof.ndim :])[joints] for values in before)
-    return Chain(bodies[0][1:-1], bodies[1][1:-1], *before)
+    return Chain(bodies[0][1:count], bodies[1][1:count], *before)
 
 
 @jax.jit
