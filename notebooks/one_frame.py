@@ -49,7 +49,7 @@ def one_frame(frame: int = 2, size: tuple[int, int] = (320, 180)) -> OneFrame:
     cameras, character = truth.cameras, truth.character
     appearance = jm.fit_capture_appearance(capture, cameras, character, poses, key=jax.random.key(0))
     observations = jm.observe(capture, cameras, character, appearance, poses)
-    shown = next(iter(observations.frames(frame, frame + 1)))
+    shown = next(iter(observations.frames(range(frame, frame + 1))))
     pose, view = truth.pose(frame), cameras.at(frame)
     vertices = np.asarray(skin(character, pose))
     boxes = [
