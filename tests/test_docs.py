@@ -23,6 +23,7 @@ from jaxmocap.motion import Motion
 from jaxmocap.observation import build_problem, observe, place_rectangle, projected_box, surface_of
 from jaxmocap.pipeline import fit_capture_appearance
 from jaxmocap.pipeline._doctor import _DECODERS
+from jaxmocap.render import face_ids
 from jaxmocap.rigging._read_mesh import SUFFIXES as MESH_SUFFIXES
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
 from jaxmocap.track import track
@@ -207,3 +208,23 @@ def test_the_site_builds_without_a_warning(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     for page, words in {"api/pipeline": "track_capture", "extending": "HillClimbing", "changes": "0.1.0"}.items():
         assert words in (tmp_path / page / "index.html").read_text()
+
+
+def test_the_frame_that_notebooks_begin_with_shows_the_person(monkeypatch):
+    """The notebooks themselves are long checks."""
+    monkeypatch.syspath_prepend(ROOT / "notebooks")
+    from one_frame import one_frame
+
+    found = one_frame()
+    assert found.image.shape == (180, 320, 3)
+    ids = face_ids(
+        skin(found.character, found.pose),
+        found.character.faces,
+        found.problem.intrinsics,
+        found.problem.cam_from_world,
+        found.problem.origins,
+        *found.problem.size,
+    )[0]
+    foreign = np.asarray(found.problem.background) > 0.5
+    assert foreign[np.asarray(ids) >= 0].mean() > 0.7
+    assert foreign[np.asarray(ids) < 0].mean() < 0.1
