@@ -39,6 +39,11 @@ CAPACITY = 8192
 WATCHED = 2
 """Frames under the profiler."""
 
+COMPILING = 4
+"""Frames at the beginning that compile, and whose times do not count."""
+
+LEAST_FRAMES = COMPILING + 2 + WATCHED
+
 
 def drawn(device: jax.Device, character: Character, pose: Pose, problem: FrameProblem) -> np.ndarray:
     """Draw the faces of a frame on a device."""
@@ -135,7 +140,7 @@ def tracked(capture: Path, frames: tuple[int, int], quality: str, seed: int) -> 
         truth = motion.provenance.get("truth")
         scores = evaluate(out, truth) if truth else {}
         seen = watched(folder)
-    seconds = [verdict["seconds"] for verdict in verdicts][4 : -1 - WATCHED]
+    seconds = [verdict["seconds"] for verdict in verdicts][COMPILING : -1 - WATCHED]
     figures = [
         record(f"seconds per frame, {stage}", float(np.mean([own.get(stage, 0) for own in seconds])), "s", 0.5)
         for stage in sorted({stage for own in seconds for stage in own})
@@ -151,7 +156,7 @@ def tracked(capture: Path, frames: tuple[int, int], quality: str, seed: int) -> 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("capture", type=Path, nargs="?", help="a capture folder; without one none is tracked")
-    parser.add_argument("--frames", default="0:12", help="START:STOP, eight or more")
+    parser.add_argument("--frames", default="0:12", help=f"START:STOP, {LEAST_FRAMES} or more")
     parser.add_argument("--quality", default="normal", choices=("draft", "normal", "paper"))
     parser.add_argument("--seed", type=int, default=0)
     add_options(parser)
@@ -163,6 +168,8 @@ def main() -> int:
     figures = against_cpu(device)
     if options.capture:
         first, end = (int(number) for number in options.frames.split(":"))
+        if end - first < LEAST_FRAMES:
+            parser.error(f"--frames is {options.frames}; {LEAST_FRAMES} frames or more were expected.")
         figures += tracked(options.capture, (first, end), options.quality, options.seed)
     memory = (device.memory_stats() or {}).get("peak_bytes_in_use", 0)
     figures.append(record("most memory of the device", memory / 2**30, "GiB", 0.2))

@@ -88,7 +88,7 @@ class ModelView(AbstractTerm):
                 seen = self._covered(frame, camera, face, cut(frame.labels), cut(frame.image), behind)
                 return jnp.where(covered, seen, self._uncovered(behind))
 
-            if drawn.driver == "scatter":  # pixels side by side cost less than listed ones
+            if drawn.driver == "scatter":  # to list the blocks gains nothing there
                 return cost(jnp.int32(0), jnp.int32(0), frame.size).sum()
             return sum_over_blocks(drawn.dirty[camera], frame.size, prepared[camera], cost)
 

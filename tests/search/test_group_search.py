@@ -179,8 +179,8 @@ def test_limbs_share_a_program_and_so_do_root_and_torso(searches):
     assert searches["root"].sizes is not searches["l_leg"].sizes
 
 
-def test_nothing_leaves_the_device_during_a_search(searches, find, monkeypatch):
-    """On an accelerator a copy to the host would have every generation of particles wait for it."""
+def test_a_search_copies_nothing_to_or_from_the_host(find, monkeypatch):
+    """On an accelerator every generation of particles would wait for it. A CPU sees copies to the device only."""
     search = _group_search._search
 
     def guarded(*args):
