@@ -1,4 +1,12 @@
 from ._coverage import covered_area as covered_area
+from ._draw import draw as draw, draw_one_by_one as draw_one_by_one, draw_scatter as draw_scatter
+from ._expand import (
+    Driver as Driver,
+    best_driver as best_driver,
+    expand as expand,
+    expand_one_by_one as expand_one_by_one,
+    look_up as look_up,
+)
 from ._face_ids import (
     face_ids as face_ids,
     inverse_depth_range as inverse_depth_range,
@@ -18,19 +26,11 @@ from ._tiles import (
 )
 from ._windows import (
     BEHIND as BEHIND,
-    Driver as Driver,
     Faces as Faces,
     Places as Places,
     WindowList as WindowList,
     Windows as Windows,
-    best_driver as best_driver,
     doubled_area as doubled_area,
-    draw as draw,
-    draw_one_by_one as draw_one_by_one,
-    draw_scatter as draw_scatter,
-    expand as expand,
-    expand_one_by_one as expand_one_by_one,
-    look_up as look_up,
     planned_windows as planned_windows,
     to_screen as to_screen,
     window_list as window_list,

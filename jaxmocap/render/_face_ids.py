@@ -7,8 +7,9 @@ from jaxtyping import Array, Float, Int
 
 from jaxmocap._cache import cached_jit
 
+from ._draw import draw
 from ._keys import KeyLayout, crop, empty_buffer
-from ._windows import Faces, draw, to_screen, window_list
+from ._windows import Faces, to_screen, window_list
 
 
 def projection_matrices(

@@ -17,8 +17,9 @@ from jaxtyping import Array, Float, Int
 from jaxmocap._types import Knob, knob
 
 from ._coverage import covered_area
+from ._expand import expand
 from ._keys import WINDOW, KeyLayout, crop
-from ._windows import _FAR_PIXEL, expand
+from ._windows import FARTHEST_PIXEL
 
 
 class SoftSettings(eqx.Module):
@@ -65,7 +66,12 @@ def _windows(screen, faces, height, width_pixels, reach, depth_range, layout, ca
     first_x, last_x = jnp.ceil(x.min(0) - reach), jnp.floor(x.max(0) + reach)
     first_y, last_y = jnp.ceil(y.min(0) - reach), jnp.floor(y.max(0) + reach)
     area = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
-    seen = (inverse.min(0) > 0) & (jnp.abs(x).max(0) < _FAR_PIXEL) & (jnp.abs(y).max(0) < _FAR_PIXEL) & (area < -1e-8)
+    seen = (
+        (inverse.min(0) > 0)
+        & (jnp.abs(x).max(0) < FARTHEST_PIXEL)
+        & (jnp.abs(y).max(0) < FARTHEST_PIXEL)
+        & (area < -1e-8)
+    )
     seen &= (last_x >= 0) & (last_y >= 0) & (first_x <= width_pixels - 1) & (first_y <= height - 1)
     seen &= (last_x >= first_x) & (last_y >= first_y)
 

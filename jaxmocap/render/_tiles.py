@@ -14,8 +14,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from ._expand import Driver, look_up, running_sum
 from ._keys import WINDOW
-from ._windows import Driver, Places, look_up, running_sum
+from ._windows import Places
 
 _PIXELS_AT_ONCE: dict[Driver, int] = {"loop": 512, "scatter": 8192}
 """Listed pixels that are scored in each round of a loop; in a scatter as many of every particle."""

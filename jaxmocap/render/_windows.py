@@ -1,39 +1,29 @@
-"""The hard rasteriser: faces -> 8 x 8 windows -> packed keys.
+"""The hard rasteriser's first half: faces -> 8 x 8 windows, with the planes from which their keys follow.
 
 Each front face is cut into windows on a grid that starts at its own bounding box, so that a window's numbers do not
 depend on the rectangle being drawn and a limb drawn over a body gives the same bits as both drawn together. One
 vectorised pass over the faces counts their windows; the windows that there are get their planes from the corners of
-their faces, and are drawn one after the other (the fast form on a CPU, where XLA turns the loop into one in-place
-kernel) or all at once by a scatter (the form for a GPU or TPU).
+their faces.
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Complex, Float, Int
 
+from ._expand import Driver, best_driver, expand, expand_one_by_one, look_up
 from ._keys import WINDOW, KeyLayout
 
-_FAR_PIXEL = 30000.0
-_BLOCKS = 256
-_AT_ONCE = 512  # windows that are planned together before they are drawn in turn
+FARTHEST_PIXEL = 30000.0
+"""Column or row beyond which a face is not drawn."""
 BEHIND = 1e6
 """Column and row of a vertex behind the camera: beyond all that is drawn, and finite."""
 
 Places = tuple[tuple[Float[Array, "n"], ...], tuple[Float[Array, "n"], ...]]
 """Columns and rows of the three corners of faces."""
-
-Driver = Literal["loop", "scatter"]
-"""How windows are listed and drawn: one after the other, or all at once. Both make the same bits."""
-
-
-def best_driver() -> Driver:
-    """Choose the loop on a CPU; the scatter, under `vmap`, on everything else."""
-    return "loop" if jax.default_backend() == "cpu" else "scatter"
 
 
 class WindowList(eqx.Module):
@@ -81,68 +71,6 @@ def _in_windows(pixels: Int[Array, "*n"]) -> Int[Array, "*n"]:
     return pixels >> (WINDOW.bit_length() - 1)
 
 
-def look_up(values: Array, index: Int[Array, "*n"]) -> Array:
-    """Look up `values[index]` of a flat array for an index known to be inside: no wrapping, no clipping."""
-    return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
-
-
-def running_sum(values: Int[Array, "n"], block: int = 64) -> Int[Array, "n"]:
-    """Sum cumulatively by triangular products of at most `_BLOCKS` columns.
-
-    Exact below 2^24 and much faster than a scan on a CPU.
-    """
-    length = -(-values.shape[0] // block) * block
-    rows = jnp.pad(values.astype(jnp.float32), (0, length - values.shape[0])).reshape(-1, block)
-    inner = jnp.dot(rows, jnp.triu(jnp.ones((block, block), jnp.float32)), precision="highest")
-    count, last = rows.shape[0], inner[:, -1]
-    if count > _BLOCKS:
-        outer = running_sum(last.astype(jnp.int32), block).astype(jnp.float32) - last
-    else:
-        outer = jnp.dot(last, jnp.triu(jnp.ones((count, count), jnp.float32), 1), precision="highest")
-    return (inner + outer[:, None]).reshape(-1)[: values.shape[0]].astype(jnp.int32)
-
-
-def expand(
-    counts: Int[Array, "n"], capacity: int
-) -> tuple[Int[Array, "capacity"], Int[Array, "capacity"], Int[Array, ""]]:
-    """Repeat item i `counts[i]` times: the item and the rank within it for each slot, and the total."""
-    used = counts > 0
-    ends, order = running_sum(counts), running_sum(used.astype(jnp.int32)) - 1
-    starts = ends - counts
-    row, slot = jnp.where(used, order, counts.shape[0]), jnp.where(used, starts, capacity)
-    place = {"mode": "drop", "unique_indices": True}
-    items = jnp.zeros_like(counts).at[row].set(jnp.arange(counts.shape[0], dtype=jnp.int32), **place)
-    marks = jnp.zeros(capacity, jnp.int32).at[slot].set(1, **place)
-    item = look_up(items, jnp.maximum(running_sum(marks) - 1, 0))
-    return item, jnp.arange(capacity, dtype=jnp.int32) - look_up(starts, item), ends[-1]
-
-
-def expand_one_by_one(
-    counts: Int[Array, "n"], capacity: int
-) -> tuple[Int[Array, "capacity"], Int[Array, "capacity"], Int[Array, ""]]:
-    """Do what `expand` does, one item and one slot after the other: less than half the time on a CPU."""
-
-    def put(values: Array, value: Array, slot: Array) -> Array:
-        return lax.dynamic_update_slice(values, value.astype(jnp.int32)[None], (slot,))
-
-    def mark(item: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
-        marks, start = found  # an item without slots is overwritten by the next
-        return put(marks, item, jnp.minimum(start, capacity)), start + look_up(counts, item)
-
-    nothing = jnp.zeros((), jnp.int32)
-    marks, total = lax.fori_loop(0, counts.shape[0], mark, (jnp.full(capacity + 1, -1, jnp.int32), nothing))
-
-    def fill(slot: Array, found: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-        items, ranks, item, rank = found
-        marked = look_up(marks, slot)
-        item, rank = jnp.where(marked >= 0, marked, item), jnp.where(marked >= 0, 0, rank + 1)
-        return put(items, item, slot), put(ranks, rank, slot), item, rank
-
-    empty = jnp.zeros(capacity, jnp.int32)
-    items, ranks, _, _ = lax.fori_loop(0, jnp.minimum(total, capacity), fill, (empty, empty, nothing, nothing))
-    return items, ranks, total
-
-
 def screen_points(screen: Float[Array, "3 vertex"]) -> Complex[Array, "vertex"]:
     """Write column and row as one complex number, since look-ups are what takes time.
 
@@ -183,7 +111,7 @@ def _set_up(places: Places, height: int, width: int) -> _Setup:
         (jnp.minimum(jnp.minimum(a, b), c), jnp.maximum(jnp.maximum(a, b), c)) for a, b, c in places
     )
     start_x, start_y, last_x, last_y = jnp.ceil(low_x), jnp.ceil(low_y), jnp.floor(high_x), jnp.floor(high_y)
-    near = (jnp.minimum(low_x, low_y) > -_FAR_PIXEL) & (jnp.maximum(high_x, high_y) < _FAR_PIXEL)
+    near = (jnp.minimum(low_x, low_y) > -FARTHEST_PIXEL) & (jnp.maximum(high_x, high_y) < FARTHEST_PIXEL)
     hit = (last_x >= 0) & (last_y >= 0) & (start_x <= width - 1) & (start_y <= height - 1)
     hit &= (last_x >= start_x) & (last_y >= start_y)
     moved = (tuple(x - start_x for x in places[0]), tuple(y - start_y for y in places[1]))
@@ -263,83 +191,3 @@ def planned_windows(listed: WindowList, item: Int[Array, "n"], rank: Int[Array, 
     column, row = first_x + offset_x + WINDOW, first_y + offset_y + WINDOW
     # Kept apart, one array each: the loop that draws reads them in turn, and a table would have to be written first.
     return Windows(*lax.optimization_barrier((planes, column, row, number)))
-
-
-def _window_keys(planes: tuple[Array, ...], face: Int[Array, ""], layout: KeyLayout) -> Int[Array, "8 8 1"]:
-    """Compute the keys of a face in a window, 0 where it is not.
-
-    The last axis is there for XLA on a CPU: it unrolls the innermost loop, and of two loops the columns would be
-    unrolled and the rows, which lie far apart, become vectors.
-    """
-    lane_x = jnp.arange(WINDOW, dtype=jnp.float32)[None, :, None]
-    lane_y = jnp.arange(WINDOW, dtype=jnp.float32)[:, None, None]
-    first, second, level = (c + a * lane_x + b * lane_y for a, b, c in (planes[:3], planes[3:6], planes[6:]))
-    inside = (first >= 0) & (second >= 0) & (1.0 - first - second >= 0)
-    bounded = jnp.clip(level, 1.0, layout.depth_levels + 1.0).astype(jnp.int32)
-    return jnp.where(inside, (bounded << layout.id_bits) | face, 0)
-
-
-def draw(
-    buffer: Int[Array, "padded_height padded_width *one"],
-    listed: WindowList,
-    layout: KeyLayout,
-    first_row: int | Array = 0,
-    driver: Driver | None = None,
-) -> Int[Array, "padded_height padded_width *one"]:
-    """Draw the windows into the buffer, whose picture may start further down at `first_row`.
-
-    The default driver is the machine's `best_driver`. In a loop give the buffer a last axis of length one: XLA would
-    copy it to add one.
-    """
-    put = draw_one_by_one if (driver or best_driver()) == "loop" else draw_scatter
-    return put(buffer, listed, layout, first_row)
-
-
-def draw_one_by_one(
-    buffer: Int[Array, "padded_height padded_width *one"],
-    listed: WindowList,
-    layout: KeyLayout,
-    first_row: int | Array = 0,
-) -> Int[Array, "padded_height padded_width *one"]:
-    """Draw the windows one after the other, some hundred planned at a time, so that empty slots cost nothing.
-
-    Iterate particles with `lax.map`, not `vmap`.
-    """
-    capacity = listed.item.shape[0]
-    at_once = min(_AT_ONCE, capacity)
-    missing = -capacity % at_once
-    items, ranks = (jnp.pad(values, (0, missing)) for values in (listed.item, listed.rank))
-
-    def some(chunk: Array, keys: Array) -> Array:
-        first = chunk * at_once
-        windows = planned_windows(
-            listed, *(lax.dynamic_slice(values, (first,), (at_once,)) for values in (items, ranks))
-        )
-
-        def one(i: Array, keys: Array) -> Array:
-            planes, column, row, face = jax.tree.map(lambda values: look_up(values, i), windows)
-            corner = (row + first_row, column, jnp.zeros((), row.dtype))
-            old = lax.dynamic_slice(keys, corner, (WINDOW, WINDOW, 1))
-            return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(planes, face, layout)), corner)
-
-        return lax.fori_loop(0, jnp.minimum(listed.count - first, at_once), one, keys)
-
-    keys = lax.fori_loop(0, -(-listed.count // at_once), some, buffer.reshape(*buffer.shape[:2], 1))
-    return keys.reshape(buffer.shape)
-
-
-def draw_scatter(
-    buffer: Int[Array, "padded_height padded_width *one"],
-    listed: WindowList,
-    layout: KeyLayout,
-    first_row: int | Array = 0,
-) -> Int[Array, "padded_height padded_width *one"]:
-    """Draw all windows at once by a scatter of maxima: the form for `vmap` on a GPU or TPU. Same keys, same bits."""
-    windows = planned_windows(listed, listed.item, listed.rank)
-    keys = jax.vmap(lambda planes, face: _window_keys(planes, face, layout)[..., 0])(windows.planes, windows.face)
-    live = (jnp.arange(listed.item.shape[0]) < listed.count)[:, None, None]
-    lanes = jnp.arange(WINDOW)
-    index_x = windows.column[:, None, None] + lanes[None, None, :]
-    index_y = first_row + windows.row[:, None, None] + lanes[None, :, None]
-    flat = jnp.where(live & (keys > 0), index_y * buffer.shape[1] + index_x, buffer.size)
-    return buffer.reshape(-1).at[flat.reshape(-1)].max(keys.reshape(-1), mode="drop").reshape(buffer.shape)
