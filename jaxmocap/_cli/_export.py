@@ -55,15 +55,33 @@ def export(
             help_behavior_hint="(default: a model of this person)",
         ),
     ] = (),
+    rig: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.glb",
+            help="Another skinned person, such as Mixamo's or Unreal's, to move instead: .glb .bvh .fbx .blend.",
+            help_behavior_hint="(default: the actor's own)",
+        ),
+    ] = None,
+    mapping: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.toml",
+            help='Joints of the rig that are not recognised: "file joint" = "body" per line, TOML or JSON.',
+            help_behavior_hint="",
+        ),
+    ] = None,
     json: Json = False,
 ) -> int:
     """Write the motion for other programs: Blender, Unreal, OpenSim, Mokka, COLMAP, spreadsheets."""
-    from jaxmocap.exporters import EXPORTERS, checked_exporter, export_motion
+    from jaxmocap.exporters import EXPORTERS, check_rig, checked_exporter, export_motion
     from jaxmocap.motion import Motion
 
     if len(set(to)) < len(to):
         raise InputError("--to names a file twice; give every file once.")
     checked = {path: checked_exporter(path, EXPORTERS, units, up, frame_rate, mass, opensim_model) for path in to}
+    for path, exporter in checked.items():
+        check_rig(path, exporter, rig, actor, mapping)
     if opensim_model and not any(EXPORTERS[".osim"].driven is exporter for exporter in checked.values()):
         raise InputError("--opensim-model is for .osim, which --to does not name; add one, or leave the model out.")
     parts = {path: exporter.parts(path) for path, exporter in checked.items()}
@@ -80,6 +98,8 @@ def export(
             actor=actor,
             mass=mass,
             opensim_model=opensim_model,
+            rig=rig,
+            mapping=mapping,
             say=say,
         )
     written = [

@@ -15,6 +15,7 @@ from ._exporter import (
     ExportForm as ExportForm,
     Units as Units,
     Up as Up,
+    check_rig as check_rig,
     checked_exporter as checked_exporter,
     export_motion as export_motion,
 )
@@ -29,10 +30,10 @@ from ._tables import write_csv as write_csv, write_parquet as write_parquet
 from ._usd import write_usd as write_usd
 
 EXPORTERS: dict[str, Exporter] = {
-    ".glb": Exporter(write_glb, units="m", up="y", fixed=True),
-    ".bvh": Exporter(write_bvh, units="m", up="y", even=True),
-    ".fbx": Exporter(write_blender, units="m", up="y", fixed=True, even=True),
-    ".blend": Exporter(write_blender, units="m", up="z", fixed=True, even=True),
+    ".glb": Exporter(write_glb, units="m", up="y", fixed=True, rigged=True),
+    ".bvh": Exporter(write_bvh, units="m", up="y", even=True, rigged=True),
+    ".fbx": Exporter(write_blender, units="m", up="y", fixed=True, even=True, rigged=True),
+    ".blend": Exporter(write_blender, units="m", up="z", fixed=True, even=True, rigged=True),
     ".c3d": Exporter(write_c3d, units="mm", even=True),
     ".trc": Exporter(write_trc, units="mm", up="y", even=True),
     ".mot": Exporter(write_mot, units="m", up="y", fixed=True),
@@ -67,18 +68,22 @@ def export(
     actor: str | Path | None = None,
     mass: float | None = None,
     opensim_model: Sequence[str | Path] = (),
+    rig: str | Path | None = None,
+    mapping: str | Path | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Path:
     """Write a motion, or that of a result folder, for another program; the format goes by the suffix. Returns `path`.
 
     `units` are "m", "cm" or "mm" and `up` is the vertical axis, "y" or "z"; `docs/conventions.md` has each format's
     own. `frame_rate` in frames per second resamples by interpolation. A GLB is written on the rig of the file that the
-    character came from; `actor` names it where it is not the one the result remembers. An OSIM has its MOT, settings of
-    inverse kinematics and a folder of meshes beside it, and `mass` is the person's in kilograms; it is guessed from the
-    mesh otherwise. With `opensim_model`, a model of somebody else's (and its marker set, where that is a file of its
-    own), OpenSim scales that one to the person and solves for our markers instead. `say` is told what is worth a
-    sentence. Raises `InputError` for an unknown suffix, a file that exists, and what a format cannot hold; nothing is
-    left behind then.
+    character came from; `actor` names it where it is not the one the result remembers. With `rig`, a skinned file of
+    somebody else's (Mixamo's, Unreal's), GLB, BVH, FBX and .blend hold that one instead, with its bones' names and
+    lengths: limbs point as the person's, and feet stand where theirs do. `mapping` names joints that are not
+    recognised, as for `Character.load`. An OSIM has its MOT, settings of inverse kinematics and a folder of meshes
+    beside it, and `mass` is the person's in kilograms; it is guessed from the mesh otherwise. With `opensim_model`, a
+    model of somebody else's (and its marker set, where that is a file of its own), OpenSim scales that one to the
+    person and solves for our markers instead. `say` is told what is worth a sentence. Raises `InputError` for an
+    unknown suffix, a file that exists, and what a format cannot hold; nothing is left behind then.
     """
     path, files = Path(path), tuple(Path(file) for file in opensim_model)
     if files and not checked_exporter(path, EXPORTERS, units, up, frame_rate).driven:
@@ -93,6 +98,8 @@ def export(
         actor=actor,
         mass=mass,
         opensim_model=files,
+        rig=rig,
+        mapping=mapping,
         say=say,
     )
     return path

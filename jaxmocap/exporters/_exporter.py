@@ -36,6 +36,8 @@ class ExportForm:
         actor: the character's own file, where one is named; None by default.
         mass: of the person, kilograms; None, the default, where it is not known.
         opensim_model: somebody else's model, and its marker set where that is a file of its own; empty by default.
+        rig: a skinned file of somebody else's, where one is named; None by default.
+        mapping: a file of the rig's joints and our bodies, where one is named; None by default.
         say: takes sentences that the user should know; nothing listens by default.
     """
 
@@ -46,6 +48,8 @@ class ExportForm:
     actor: Path | None = None
     mass: float | None = None
     opensim_model: tuple[Path, ...] = ()
+    rig: Path | None = None
+    mapping: Path | None = None
     say: Callable[[str], None] = _silent
 
     @property
@@ -74,6 +78,7 @@ class Exporter(NamedTuple):
         folder: whether a folder is written instead of a file; not by default.
         beside: what else is written, by how its name ends in place of the suffix: a file if that has a suffix, a folder
             otherwise. Nothing by default.
+        rigged: whether it can be written on a rig of somebody else's; not by default.
         driven: what is written instead where the user names a model of their own; None if that means nothing here.
     """
 
@@ -85,6 +90,7 @@ class Exporter(NamedTuple):
     resamples: bool = True
     folder: bool = False
     beside: Mapping[str, Write] = {}
+    rigged: bool = False
     driven: "Exporter | None" = None
 
     def parts(self, path: Path) -> dict[Path, Write]:
@@ -103,15 +109,19 @@ def export_motion(
     actor: str | Path | None,
     mass: float | None = None,
     opensim_model: tuple[Path, ...] = (),
+    rig: str | Path | None = None,
+    mapping: str | Path | None = None,
     say: Callable[[str], None] | None,
 ) -> ExportForm:
     """Do what `export` says; return how the file was written."""
     path = Path(path)
     exporter = checked_exporter(path, exporters, units, up, frame_rate, mass, opensim_model)
+    check_rig(path, exporter, rig, actor, mapping)
     motion = result if isinstance(result, Motion) else Motion.load(result)
     form = ExportForm(path.name, units or exporter.units, up or exporter.up or _up(motion))
-    actor = None if actor is None else Path(actor)
-    form = replace(form, actor=actor, mass=mass, opensim_model=opensim_model, say=say or form.say)
+    named = {"actor": actor, "rig": rig, "mapping": mapping}
+    files = {option: Path(file) for option, file in named.items() if file is not None}
+    form = replace(form, **files, mass=mass, opensim_model=opensim_model, say=say or form.say)
     motion = continuous(turned(motion, form.up))
     rate = frame_rate_of(motion)
     if frame_rate is not None and frame_rate != rate:
@@ -168,6 +178,26 @@ def checked_exporter(
     if frame_rate is not None and not exporter.resamples:
         raise InputError(f"{path} has a camera for every frame of the videos; leave the frame rate out.")
     return exporter
+
+
+def check_rig(
+    path: Path,
+    exporter: Exporter,
+    rig: str | Path | None,
+    actor: str | Path | None = None,
+    mapping: str | Path | None = None,
+) -> None:
+    """Raise `InputError` where a path cannot be written on somebody else's rig, or not in this way."""
+    if rig is None and mapping is not None:
+        raise InputError(f"the mapping {mapping} names the joints of a rig, and none is given; name the rig too.")
+    if rig is not None and not exporter.rigged:
+        raise InputError(
+            f"{path} is not written on a rig, as .glb, .bvh, .fbx and .blend are; leave the rig out for it."
+        )
+    if rig is not None and actor is not None:
+        raise InputError(
+            f"{path}: the actor's file is of the person who was tracked, the rig is somebody else's; name one of them."
+        )
 
 
 def _up(motion: Motion) -> Up:

@@ -23,9 +23,9 @@ _STILL = 1e-6  # metres that a joint moves at most where it is not written
 def write_glb(motion: Motion, path: Path, form: ExportForm) -> None:
     """Write one animation of the actor's joints and of all cameras, at the motion's own timestamps.
 
-    The actor's file is taken over whole: names, hierarchy, bind matrices, materials and whatever else it holds; only
-    its own animations give way. Joints that do not stand where a rigid bone would put them (a shoulder whose
-    collar bone the file does not have) are moved too.
+    The actor's file, or that of another rig which the user named, is taken over whole: names, hierarchy, bind matrices,
+    materials and whatever else it holds; only its own animations give way. Joints that do not stand where a rigid bone
+    would put them (a shoulder whose collar bone the file does not have) are moved too.
     """
     rig = actor_rig(motion, form)
     content = copy.deepcopy(rig.document.content)
@@ -45,7 +45,7 @@ def write_glb(motion: Motion, path: Path, form: ExportForm) -> None:
         "frames": motion.frames.tolist(),
         "status": motion.status.tolist(),
         "contacts": None if contacts is None else [contact._asdict() for contact in contacts],
-        "rig": "the actor's own" if rig.own else "jaxmocap",
+        "rig": rig.whose,
         "mesh_off_by": rig.off,
     }
     name = str(motion.provenance.get("capture_name") or motion.character.name)
