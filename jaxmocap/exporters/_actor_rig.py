@@ -70,6 +70,7 @@ def actor_rig(motion: Motion, form: ExportForm) -> ActorRig:
         placed = _in_parents(found.document, found.nodes, found.world_from_rest @ found.rest_from_joint)
         if placed is None:
             raise InputError(f"the rig of {form.rig} {_UNEVEN}; apply the scales of its joints and export it again.")
+        form.say(found.told)
         return ActorRig(found.document, found.nodes, *placed, form.rig.name, None)
     named = form.actor or motion.provenance.get("actor")
     why = "the result names no actor's file"

@@ -77,6 +77,7 @@ def _tree(motion: Motion, form: ExportForm) -> _Tree:
     """Take the joints of the tracked body, or of the rig that is named."""
     if form.rig is not None:
         found = retargeted(motion, form)
+        form.say(found.told)
         rest = found.rest_from_joint[:, :3, 3]
         return _Tree(found.names, found.parents, rest, found.world_from_rest, found.vertices, found.weights)
     character, skeleton = motion.character, motion.character.skeleton

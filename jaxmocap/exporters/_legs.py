@@ -10,7 +10,7 @@ from jaxmocap.character import Character
 
 STANDING = ("heel", "toe")
 """Points of a foot that stand, in contacts."""
-_SOLE = (*STANDING, "big_toe", "small_toe")
+_CORNERS = np.array(list(np.ndindex(2, 2, 2)))
 _FEW = 8  # vertices of a foot that do not show how large it is
 _THIN = 1e-3  # metres
 _STILL = 1e-5  # metres by which an ankle moves where its leg stays as it is
@@ -24,7 +24,7 @@ class Legs(NamedTuple):
         middle: between the hips.
         hips: from there to each hip.
         bones: the thighs, from hip to knee, and the shanks, from knee to ankle.
-        feet: from the ankles to heel, toe, big and small toe, and to the points of the sole below these.
+        feet: from the ankles to heel and toe, and to the corners of the boxes around the feet.
         headings: the turns about the vertical, from z to where the feet point.
         corners: of the boxes around the feet, least and greatest, from the ankles along the headings.
     """
@@ -32,7 +32,7 @@ class Legs(NamedTuple):
     middle: Float[np.ndarray, "3"]
     hips: Float[np.ndarray, "2 3"]
     bones: Float[np.ndarray, "2 2 3"]
-    feet: Float[np.ndarray, "2 8 3"]
+    feet: Float[np.ndarray, "2 10 3"]
     headings: Float[np.ndarray, "2 3 3"]
     corners: Float[np.ndarray, "2 2 3"]
 
@@ -51,8 +51,8 @@ def legs_of(character: Character) -> Legs:
     """Measure the legs of a character at rest; its feet are taken to be flat then."""
     at = lambda *names: np.array([character.skeleton.landmark(name) for name in names], np.float64)  # noqa: E731
     hips, knees, ankles = (at(f"l_{name}", f"r_{name}") for name in ("hip", "knee", "ankle"))
-    feet = np.stack([at(*(f"{side}_{name}" for name in _SOLE)) for side in "lr"]) - ankles[:, None]
-    headings, corners, flat = np.tile(np.eye(3), (2, 1, 1)), np.empty((2, 2, 3)), feet.copy()
+    feet = np.stack([at(*(f"{side}_{name}" for name in STANDING)) for side in "lr"]) - ankles[:, None]
+    headings, corners = np.tile(np.eye(3), (2, 1, 1)), np.empty((2, 2, 3))
     vertices, weights = np.asarray(character.vertices, np.float64), np.asarray(character.weights)
     for number, side in enumerate("lr"):
         foot = vertices[weights[:, character.skeleton.body_names.index(f"{side}_foot")] > 0.5] - ankles[number]
@@ -60,10 +60,10 @@ def legs_of(character: Character) -> Legs:
         headings[number] = _heading(foot)
         along = foot @ headings[number]
         corners[:, number] = along.min(axis=0), along.max(axis=0)
-        flat[number, :, 1] = corners[0, number, 1]
     middle = hips.mean(axis=0)
     bones = np.stack([knees - hips, ankles - knees])
-    return Legs(middle, hips - middle, bones, np.concatenate([feet, flat], axis=1), headings, corners)
+    boxes = corners[_CORNERS, :, np.arange(3)].transpose(2, 0, 1) @ headings.swapaxes(1, 2)
+    return Legs(middle, hips - middle, bones, np.concatenate([feet, boxes], axis=1), headings, corners)
 
 
 def with_feet_of(legs: Legs, other: Legs) -> Legs:

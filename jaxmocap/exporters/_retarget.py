@@ -16,6 +16,7 @@ from ._stand import stand
 
 _BODY_NAMES = tuple(body for body, _, _ in BODIES)
 _X, _Y, _Z = np.eye(3)
+_SAID = 0.05  # centimetres by which the hips are lowered before it is said
 _BENT = np.radians(10.0)  # bend at rest from which a knee or elbow shows its axis
 _TWIST = np.radians(90.0)  # by which that axis may be off the one of a straight limb
 
@@ -32,6 +33,7 @@ class Retargeted(NamedTuple):
         world_from_rest: how each joint moves what it carries.
         vertices: of the mesh at rest, metres.
         weights: of the vertices, by joint.
+        told: a sentence about how well it stands.
     """
 
     document: Document
@@ -42,10 +44,11 @@ class Retargeted(NamedTuple):
     world_from_rest: Float[np.ndarray, "frame joint 4 4"]
     vertices: Float[np.ndarray, "vertex 3"]
     weights: Float[np.ndarray, "vertex joint"]
+    told: str
 
 
 def retargeted(motion: Motion, form: ExportForm) -> Retargeted:
-    """Move the rig that `form` names as the motion's person moves; a sentence says how well its feet stand.
+    """Move the rig that `form` names as the motion's person moves.
 
     Limbs point where the person's do, and turn about themselves as they do; trunk, head and collar bones turn from
     rest as theirs. Raises `InputError` where the rig is not that of a person.
@@ -56,17 +59,10 @@ def retargeted(motion: Motion, form: ExportForm) -> Retargeted:
     raw, rig = read_rig(document, form.mapping)
     if motion.character.skeleton.body_names != _BODY_NAMES:
         raise InputError(f"{form.name}: only a person's motion is written on another rig; leave the rig out.")
-    frames = body_frames(target)
+    joints, frames = _moving(document, raw, rig), body_frames(target)
     turns = motion.body_transforms[..., :3, :3].astype(np.float64)
     turns = turns @ body_frames(motion.character) @ frames.swapaxes(1, 2)
     stance = stand(motion, target, turns, frames[[_BODY_NAMES.index(f"{side}_thigh") for side in "lr"], :, 0])
-    before, after = (100 * slide for slide in stance.slides)
-    form.say(
-        f"{form.name}: the path is {stance.scale:.2f} times as long, as the legs of {form.rig.name} are; feet slide by "
-        f"up to {after:.1f} cm where they stand ({before:.1f} cm in the motion), and the hips are lowered by up to "
-        f"{100 * stance.lowered:.1f} cm to let them."
-    )
-    joints = _moving(document, raw, rig)
     rest = rig.rest_from_joint[:, :3, 3]
     joint_turns = _joint_turns(raw, rig, joints, stance.turns)
     worlds = np.tile(np.eye(4), (len(motion), len(joints), 1, 1))
@@ -79,6 +75,12 @@ def retargeted(motion: Motion, form: ExportForm) -> Retargeted:
             above = worlds[:, joints.index(raw.joint_parents[joint])]
             place = above[:, :3, :3] @ rest[joint] + above[:, :3, 3]
         worlds[:, number, :3, 3] = place - turn @ rest[joint]
+    before, after, lowered = (100 * length for length in (*stance.slides, stance.lowered))
+    told = (
+        f"{form.name}: the path is {stance.scale:.2f} times as long, as the legs of {form.rig.name} are; feet slide by "
+        f"up to {after:.1f} cm where they stand ({before:.1f} cm in the motion)"
+        + (f", to which the hips are lowered by up to {lowered:.1f} cm." if lowered >= _SAID else ".")
+    )
     numbers = {joint: number for number, joint in enumerate(joints)}
     return Retargeted(
         document,
@@ -89,6 +91,7 @@ def retargeted(motion: Motion, form: ExportForm) -> Retargeted:
         worlds,
         raw.vertices @ rig.rest_from_file.T,
         raw.weights[:, joints],
+        told,
     )
 
 

@@ -62,16 +62,16 @@ def stand(
     """Carry the path over and hold the feet of a target, whose bodies turn by `turns`, where the motion's stand.
 
     Lengths of the path are scaled by those of the legs, about the point of the ground under the first frame. A point
-    that stands slides no farther than in the motion; before and after, its foot comes there and leaves smoothly. Legs
-    bend in the planes in which they were bent (`knees` are the axes at rest), and no foot is deeper in the ground than
-    the motion's.
+    that stands slides no farther than in the motion; where heel and toe both do, the mean of their steps counts. Before
+    and after, the foot comes there and leaves smoothly. Legs bend in the planes in which they were bent (`knees` are
+    the axes at rest), and no foot is deeper in the ground than the motion's.
     """
     source, up = legs_of(motion.character), np.eye(3)["xyz".index(motion.up)]
     legs = with_feet_of(legs_of(target), source)
     names, scale = target.skeleton.body_names, legs.length / source.length
     thigh, shank, foot = ([names.index(f"{side}_{body}") for side in "lr"] for body in ("thigh", "shank", "foot"))
     feet, stands, seconds = turns[:, foot], _stands(motion), motion.timestamps
-    standing = np.any(stands, axis=2, keepdims=False)
+    standing = stands[..., 0] | stands[..., 1]
     marks = _marks(motion, source, legs, stands, up)
     held = _held(marks, stands, np.einsum("tfij,fpj->tfpi", feet, legs.feet[:, :2]), up)
     for side, span in _runs(standing):
@@ -160,7 +160,7 @@ def _held(
     contact the ankle is where it would be without all this, but as high as the points that stand ask for.
     """
     ankles, rests = np.zeros_like(marks.ankles), marks.steps - arms
-    for side, span in _runs(stands.any(axis=2)):
+    for side, span in _runs(stands[..., 0] | stands[..., 1]):
         for frame in range(span.start + 1, span.stop):
             both = stands[frame, side] & stands[frame - 1, side]
             chosen = both if both.any() else stands[frame, side] | stands[frame - 1, side]

@@ -30,7 +30,7 @@ def renamed(character: Character, path: Path, scheme: dict[str, str] = MIXAMO) -
 
 
 def stranger(path: Path, scheme: dict[str, str] = MIXAMO, thigh: float = 0.08, arm: float = -0.04) -> Path:
-    """A box figure in a T-pose with longer thighs and shorter arms, in centimetres, lying, its joints' axes anywhere."""
+    """A box figure in a T-pose, its thighs longer, its arms shorter: in centimetres, lying, joints turned anyhow."""
     body = Humanoid()
     bases = [name[2:] if name[:2] in ("l_", "r_") else name for name in body.names]
     shift = np.zeros_like(body.places)
