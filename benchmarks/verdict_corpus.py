@@ -3,8 +3,9 @@
     python benchmarks/verdict_corpus.py CORPUS [--seeds 0:60] [--workers 2] [--real ../shared/data]
 
 Every seed draws a film: routine, speed, a jump, the side from which the actor is seen, clothes, scenery, light, motion
-blur, noise, shake, angle and number of cameras, size, the actor's own mesh or a body made to measure. It is tracked as
-it is, and with two of the mistakes of `broken_captures.py`. Even seeds are for fitting, odd ones for judging
+blur, noise, compression, shake, angle and number of cameras, size, the actor's own mesh or a body made to measure,
+pixels alone or a detector's keypoints beside them. It is tracked as it is, and with two of the mistakes of
+`broken_captures.py`. Even seeds are for fitting, odd ones for judging
 (`half_of`). `--real` tracks the cases of `verdicts.py` and real captures instead, which nothing is fitted to.
 CORPUS/NAME.npz holds what the tracker saw and the errors of the joints; a run that is there is not done again, and one
 that fails is told with its traceback and tried again by the next call.
@@ -15,6 +16,7 @@ import multiprocessing
 import tempfile
 import traceback
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,17 +40,20 @@ from verdicts import CASES  # noqa: E402
 
 from jaxmocap import InputError  # noqa: E402
 from jaxmocap._cache import read_records, write_records  # noqa: E402
-from jaxmocap.capture import Capture  # noqa: E402
+from jaxmocap.capture import Capture, Detections  # noqa: E402
 from jaxmocap.character import Character, Pose  # noqa: E402
+from jaxmocap.detection import write_person  # noqa: E402
 from jaxmocap.geometry import so3_exp  # noqa: E402
 from jaxmocap.metrics import Truth, joint_errors  # noqa: E402
 from jaxmocap.motion import Motion  # noqa: E402
 from jaxmocap.observation import observe  # noqa: E402
-from jaxmocap.pipeline import character_of, register_and_learn, with_selected_frames  # noqa: E402
+from jaxmocap.pipeline import character_of, detect, register_and_learn, with_selected_frames  # noqa: E402
+from jaxmocap.refinement import DetectionPlan  # noqa: E402
 from jaxmocap.registration import masks_of  # noqa: E402
 from jaxmocap.synthetic import make_actor, make_capture, perform, write_capture  # noqa: E402
 from jaxmocap.track import Tracker, track_frames, with_settings  # noqa: E402
 from jaxmocap.verdict import FrameResult  # noqa: E402
+from jaxmocap.viewers import open_video  # noqa: E402
 
 NUM_FRAMES = 16
 FLOW_ALONE = {"search": "off", "refine": "off"}
@@ -122,7 +127,8 @@ def drawn_film(seed: int) -> dict[str, Any]:
         "selected": one_of((0,), (0, NUM_FRAMES // 2)),
     }
     others = [mistake for mistake in MISTAKES if mistake not in film["mistakes"]]
-    return film | {"mistakes": (*film["mistakes"], one_of(*others))}
+    film["mistakes"] = (*film["mistakes"], one_of(*others))
+    return film | {"detections": bool(one_of(True, False, p=(0.6, 0.4))), "compression": int(rng.integers(10, 30))}
 
 
 def moving(film: dict[str, Any]) -> Motion:
@@ -190,6 +196,30 @@ def damaged(film: dict[str, Any], kind: str, source: Path, folder: Path) -> Path
     return one_camera(source, folder) if kind == "alone" else copied(source, folder)
 
 
+def compressed(folder: Path, factor: int) -> Path:
+    """Compress a capture's videos again; `factor` is x264's constant rate factor."""
+    capture = Capture.open(folder)
+    for camera, video in enumerate(capture.videos):
+        pictures = [capture.image(camera, frame) for frame in range(capture.num_frames)]
+        with open_video(folder / "again.mp4", quality=factor) as writer:
+            for frame, picture in enumerate(pictures):
+                writer.write(frame / capture.fps, picture)
+        (folder / "again.mp4").replace(video)
+    return folder
+
+
+def detected(capture: Capture, folder: Path) -> Detections | None:
+    """Detect the person in all frames of a capture; None where a video shows nobody."""
+    folder.mkdir()
+    try:
+        people = detect(capture).people
+    except InputError:
+        return None
+    for name, person in people.items():
+        write_person(folder / f"{name}.json", person)
+    return Detections.open(capture, folder)
+
+
 def synthetic(name: str) -> Sample:
     """A seed's film as it is, or with one of its mistakes: "0007_good", "0007_turned"."""
     seed, kind = int(name[:4]), name[5:]
@@ -197,6 +227,7 @@ def synthetic(name: str) -> Sample:
 
     def make(folder: Path) -> Path:
         capture = damaged(film, kind, filmed(seed, folder / "film"), folder / "capture")
+        compressed(capture, film["compression"])
         return without_actor(capture) if film["generic"] and kind != "actor" else capture
 
     settings = FLOW_ALONE if kind == "flow" else {}
@@ -211,7 +242,10 @@ def real(data: Path) -> list[Sample]:
     ]
     spans = {"plaza": (0, 100), "street": (0, 35), "balance": (0, 60)}
     return samples + [
-        Sample(f"{name}_normal", lambda to, name=name: data / name, "normal", frames, {}, {})
+        Sample(
+            f"{name}_{by}", lambda to, name=name: data / name, "normal", frames, {}, {"detections": by == "detections"}
+        )
+        for by in ("normal", "detections")
         for name, frames in spans.items()
     ]
 
@@ -227,8 +261,12 @@ def tracked(sample: Sample, folder: Path) -> Tracked:
         capture, _ = with_selected_frames(capture, None, None)
         made = register_and_learn(capture, character, key, None, sample.quality, True)
         capture = capture.with_masks(masks_of(made.masks))
-        observations = observe(capture, capture.cameras, character, made.appearance, made.registrations)
-        tracker = with_settings(Tracker.preset(sample.quality), sample.settings)
+        points = detected(capture, folder / "detected") if sample.about.get("detections") else None
+        observations = observe(capture, capture.cameras, character, made.appearance, made.registrations, points)
+        tracker = Tracker.preset(sample.quality)
+        if points is not None:
+            tracker = replace(tracker, detections=DetectionPlan())
+        tracker = with_settings(tracker, sample.settings)
         results = track_frames(observations, tracker, key=jax.random.fold_in(key, 3), frames=sample.frames)
     except InputError as error:
         nothing = np.zeros((0, 0))

@@ -28,7 +28,7 @@ def true_results(world):
     return [tracker.first(world.shown(frame), world.pose(frame)).result for frame in range(3)]
 
 
-def spans(world, results, frame_logit=-4.0):
+def spans(world, results, frame_logit=-2.5):
     skeleton, logit = world.character.skeleton, np.full(len(results), frame_logit)
     features = limb_features(results, skeleton, logit)
     return lost_spans(results, skeleton, features, logit > 0, SETTINGS)
@@ -47,7 +47,7 @@ def test_every_reason_has_its_span(world, true_results):
     jumped = replace(true_results[1], pose=arm_away(world, 1))
     assert spans(world, [true_results[0], jumped, true_results[2]]) == [LostSpan("left arm", 1, 1, JUMPING)]
     assert (
-        spans(world, [true_results[0], hidden, foreign], 7.0) == found
+        spans(world, [true_results[0], hidden, foreign], 2.0) == found
     )  # of a wrong frame only what is its limbs' own
     gone = [replace(result, status="lost", limb_seen=np.zeros(4)) for result in true_results[1:]]
     assert spans(world, [true_results[0], *gone]) == [LostSpan("body", 1, 2, LOST)]

@@ -41,3 +41,16 @@ def test_the_fit_finds_the_weights_of_a_known_world(monkeypatch):
     model = fitted(("a", "b", "c"), features, wrong, np.ones(20000), ridge=0.0)
     np.testing.assert_allclose(model.weights, weights, atol=0.15)
     assert model.intercept == pytest.approx(-1.0, abs=0.1)
+
+
+def test_stretching_finds_how_much_too_sure_a_model_is(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    from verdict_fit import stretched
+
+    rng = np.random.default_rng(1)
+    features = rng.standard_normal((20000, len(FRAME_MODEL.names)))
+    logit = FRAME_MODEL.logit(features)
+    wrong = rng.random(20000) < probability(0.3 + 0.5 * logit)
+    model = stretched(FRAME_MODEL, logit, wrong, np.ones(20000))
+    np.testing.assert_allclose(model.weights, 0.5 * np.array(FRAME_MODEL.weights), rtol=0.05)
+    assert model.intercept == pytest.approx(0.3 + 0.5 * FRAME_MODEL.intercept, abs=0.1)
