@@ -5,10 +5,10 @@
 Every seed draws a film: routine, speed, a jump, the side from which the actor is seen, clothes, scenery, light, motion
 blur, noise, compression, shake, angle and number of cameras, size, the actor's own mesh or a body made to measure,
 pixels alone or a detector's keypoints beside them. It is tracked as it is, and with two of the mistakes of
-`broken_captures.py`. Even seeds are for fitting, odd ones for judging
-(`half_of`). `--real` tracks the cases of `verdicts.py` and real captures instead, which nothing is fitted to.
-CORPUS/NAME.npz holds what the tracker saw and the errors of the joints; a run that is there is not done again, and one
-that fails is told with its traceback and tried again by the next call.
+`broken_captures.py`. Even seeds are for fitting, odd ones for judging (`half_of`). `--real` tracks the cases of
+`verdicts.py` and real captures instead, which nothing is fitted to. Keypoints are those of `jaxmocap detect`, which
+needs the extra `detect` and its weights. CORPUS/NAME.npz holds what the tracker saw and the errors of the joints; a run
+that is there is not done again, and one that fails is told with its traceback and tried again by the next call.
 """
 
 import argparse
@@ -208,14 +208,10 @@ def compressed(folder: Path, factor: int) -> Path:
     return folder
 
 
-def detected(capture: Capture, folder: Path) -> Detections | None:
-    """Detect the person in all frames of a capture; None where a video shows nobody."""
+def detected(capture: Capture, folder: Path) -> Detections:
+    """Detect the person in all frames of a capture; raises `InputError` where that cannot be, and the film is refused."""
     folder.mkdir()
-    try:
-        people = detect(capture).people
-    except InputError:
-        return None
-    for name, person in people.items():
+    for name, person in detect(capture).people.items():
         write_person(folder / f"{name}.json", person)
     return Detections.open(capture, folder)
 
