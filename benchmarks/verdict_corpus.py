@@ -209,7 +209,7 @@ def compressed(folder: Path, factor: int) -> Path:
 
 
 def detected(capture: Capture, folder: Path) -> Detections:
-    """Detect the person in all frames of a capture; raises `InputError` where that cannot be, and the film is refused."""
+    """Detect the person in all frames; raises `InputError` where that cannot be, and the film is refused."""
     folder.mkdir()
     for name, person in detect(capture).people.items():
         write_person(folder / f"{name}.json", person)
