@@ -25,7 +25,8 @@ from ._optimisers import (
     flow_only as flow_only,
     local_only as local_only,
 )
-from ._posecut import PoseCut as PoseCut, StickFigure as StickFigure
+from ._posecut import PoseCut as PoseCut
+from ._stick_figure import StickFigure as StickFigure
 from ._sums_of_gaussians import (
     SumsEnergy as SumsEnergy,
     SumsOfGaussians as SumsOfGaussians,

@@ -70,15 +70,19 @@ def selected_histograms(observations: Observations) -> list[ColourHistograms]:
             if mask is None:
                 vertices = skin(observations.character, pose)
                 mask = full_image_ids(observations.character, vertices, observations.cameras, frame)[camera] >= 0
-            rows, columns = _around(mask)
+            rows, columns = around(mask, _SURROUNDINGS)
             pairs.append((picture[rows, columns], mask[rows, columns]))
         found.append(ColourHistograms.fit(pairs))
     return found
 
 
-def _around(mask: np.ndarray) -> tuple[slice, slice]:
+def around(mask: Bool[np.ndarray, "height width"], share: float) -> tuple[slice, slice]:
+    """Return rows and columns of a mask's box, widened on every side by this share of its height; all of them where it
+    is empty."""
     x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    room = round(_SURROUNDINGS * height)
+    if not width:
+        return slice(0, mask.shape[0]), slice(0, mask.shape[1])
+    room = round(share * height)
     return (
         slice(max(y - room, 0), min(y + height + room, mask.shape[0])),
         slice(max(x - room, 0), min(x + width + room, mask.shape[1])),

@@ -1,11 +1,12 @@
 """What all baselines share: the tracker's frame loop, with another way to find a frame's pose."""
 
 import abc
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import PRNGKeyArray
+from jaxtyping import Bool, PRNGKeyArray
 
 from jaxmocap._runtime import Clock
 from jaxmocap.character import Pose, clamp, nearest_equivalent, retract
@@ -13,6 +14,16 @@ from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import Frame, FrameImages, Observations
 from jaxmocap.track import Answer, FrameTracker, Step, Tracker, TrackingState
 from jaxmocap.verdict import VerdictSettings
+
+MaskSource = Callable[[int, int], Bool[np.ndarray, "height width"] | None]
+"""Gives the person's mask over the whole picture of a camera at a frame, or None where it has none: `Capture.mask`."""
+
+
+def given_masks(masks: MaskSource | None, frame: Frame) -> list[Bool[np.ndarray, "height width"] | None]:
+    """Crop the masks that are given for a frame to its rectangle, one per view; None where none is given."""
+    views = range(len(frame.shown.images))
+    whole = [None if masks is None else masks(camera, frame.number) for camera in views]
+    return [None if mask is None else frame.rectangle.crop(mask, camera) for camera, mask in zip(views, whole, strict=True)]
 
 
 class Follower:

@@ -20,7 +20,7 @@ from jaxmocap.observation import (
 from jaxmocap.registration import RegistrationSettings, fit_to_masks
 
 from ._colour_histograms import ColourHistograms, selected_histograms
-from ._follower import Baseline, Follower
+from ._follower import Baseline, Follower, MaskSource, given_masks
 from ._graph_cut import GridCut
 
 _NODES = 100_000  # of one graph; larger pictures are cut at every second pixel, and so on
@@ -35,7 +35,8 @@ class SegmentAndFit(Baseline):
 
     `shape` weighs the squared distance to the drawn outline (nats per squared pixel of a person 270 pixels tall, up to
     `farthest` pixels), `contrast` the length of the outline where the picture is flat. The publication evolves a level
-    set; a graph cut with the same unary terms minimises the same kind of energy.
+    set; a graph cut with the same unary terms minimises the same kind of energy. Views in which `masks` gives a mask
+    are not segmented.
     """
 
     iterations: int = 5
@@ -43,6 +44,7 @@ class SegmentAndFit(Baseline):
     farthest: float = 20.0
     contrast: float = 2.0
     fit: RegistrationSettings = field(default_factory=lambda: RegistrationSettings(rounds=6))
+    masks: MaskSource | None = None
 
     name = "segment and fit"
 
@@ -58,10 +60,14 @@ class SegmentAndFit(Baseline):
         first = step // 2
         small = [np.ascontiguousarray(crop[first::step, first::step]) for crop in crops]
         cuts = [GridCut(picture.astype(float) / 255, self.contrast, 0.1 * self.contrast) for picture in small]
+        given = given_masks(self.masks, frame)
         for _ in range(self.iterations):
             _, ids, _ = draw(worker.character, pose, problem)
             masks = []
-            for camera, (picture, cut) in enumerate(zip(small, cuts, strict=True)):
+            for camera, (picture, cut, known) in enumerate(zip(small, cuts, given, strict=True)):
+                if known is not None:
+                    masks.append(known)
+                    continue
                 body = np.asarray(ids[camera]) >= 0
                 mask = self._segment(picture, cut, colours[camera], body[first::step, first::step], step)
                 masks.append(cv2.resize(mask.astype(np.uint8), body.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)

@@ -189,8 +189,8 @@ def _check(num_frames: int, size: tuple[int, int], num_cameras: int, sub_frames:
         raise InputError(f"num_frames is {num_frames}; at least 1 is needed.")
     if min(size) < 16 or size[0] % 2 or size[1] % 2:
         raise InputError(f"size is {size}; width and height must be even numbers of at least 16 pixels.")
-    if not 1 <= num_cameras <= 4:
-        raise InputError(f"num_cameras is {num_cameras}; choose 1, 2, 3 or 4.")
+    if not 1 <= num_cameras <= 8:
+        raise InputError(f"num_cameras is {num_cameras}; choose 1 to 8.")
     if sub_frames < 1 or supersampling < 1:
         raise InputError(f"sub_frames is {sub_frames} and supersampling {supersampling}; both must be at least 1.")
 
