@@ -9,16 +9,16 @@ from jaxtyping import Bool, Float, UInt8
 from jaxmocap.character import skin
 from jaxmocap.observation import Observations, full_image_ids
 
-_BINS = 16
+_BINS = 32
 _SURROUNDINGS = 0.4  # of the person's height, around the person
 
 
 @dataclass(frozen=True)
 class ColourHistograms:
-    """Two RGB histograms of 16^3 bins with additive smoothing, as counts that sum to 1."""
+    """Two RGB histograms of 32^3 bins with additive smoothing, as counts that sum to 1."""
 
-    person: Float[np.ndarray, "16 16 16"]
-    ground: Float[np.ndarray, "16 16 16"]
+    person: Float[np.ndarray, "32 32 32"]
+    ground: Float[np.ndarray, "32 32 32"]
 
     @staticmethod
     def fit(

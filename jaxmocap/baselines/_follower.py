@@ -3,7 +3,7 @@
 import abc
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, PRNGKeyArray
@@ -12,7 +12,8 @@ from jaxmocap._runtime import Clock
 from jaxmocap.character import Pose, clamp, nearest_equivalent, retract
 from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import Frame, FrameImages, Observations
-from jaxmocap.track import Answer, FrameTracker, Step, Tracker, TrackingState
+from jaxmocap.refinement import FlowSettings
+from jaxmocap.track import Answer, FrameTracker, Step, Tracker, TrackingState, flow_start
 from jaxmocap.verdict import VerdictSettings
 
 MaskSource = Callable[[int, int], Bool[np.ndarray, "height width"] | None]
@@ -48,14 +49,21 @@ class Follower:
 
     def track(self, state: TrackingState, shown: FrameImages) -> Step:
         """Find the pose of the next frame: start, then the baseline."""
-        history, clock = state.history, Clock()
+        history, previous, clock = state.history, state.previous, Clock()
         assert history is not None
+        assert previous is not None
+        speed = np.zeros(len(shown.images))
         registered = self.frames.observations.key_poses.get(shown.frame)
         if registered is not None:
             start = nearest_equivalent(self.character.skeleton, registered, history.pose)
+        elif self.baseline.begin == "flow":
+            with clock.stage("flow"):
+                start, speed = flow_start(
+                    self.frames.observations, FlowSettings(), state.rectangle, previous, history.pose, shown
+                )
         else:
             start = self.baseline.start(self, history)
-        frame, state = self.frames.observe(state, shown, start, np.zeros(len(shown.images)), clock)
+        frame, state = self.frames.observe(state, shown, start, speed, clock)
         with clock.stage(self.baseline.name):
             pose = self.baseline.find(self, frame, start)
         return self.frames.judge(state, frame, Answer(pose, np.zeros(self.character.skeleton.num_dofs)), clock)
@@ -73,8 +81,10 @@ class Follower:
 class Baseline(abc.ABC):
     """A competitor of the tracker behind the tracker's interface: `jm.track(observations, tracker=baseline)` starts
     from the same registered pose and sees the same cameras, mesh and selected frames. At later selected frames the
-    registered pose is where it starts from."""
+    registered pose is where it starts from. With `begin="flow"` every other frame begins where optical flow leads from
+    the last pose, as the tracker's does, and not as the publication says."""
 
+    begin: Literal["own", "flow"] = field(default="own", kw_only=True)
     verdict: VerdictSettings = field(default_factory=VerdictSettings, kw_only=True)
 
     name = "baseline"

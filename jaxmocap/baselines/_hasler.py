@@ -40,9 +40,9 @@ class SegmentAndFit(Baseline):
     """
 
     iterations: int = 5
-    shape: float = 0.15
+    shape: float = 0.08
     farthest: float = 20.0
-    contrast: float = 2.0
+    contrast: float = 3.0
     fit: RegistrationSettings = field(default_factory=lambda: RegistrationSettings(rounds=6))
     masks: MaskSource | None = None
 

@@ -21,6 +21,7 @@ from ._stick_figure import StickFigure
 _ROOT_REACH = (0.15, 0.15, 0.15, 0.4, 0.4, 0.4)
 _ROOM = 0.15  # of the person's height, around the person, that is cut
 _CERTAIN = 10.0  # nats that a label costs which a given mask denies
+_DIFFERENCE = 0.1  # step of the stick figure's slopes, in units of the skeleton's initial spread
 _TALL = 270.0  # pixels of the person for whom the settings are said
 
 
@@ -42,8 +43,7 @@ class PoseCut(Baseline):
         pixels: the largest picture that is cut; larger ones are looked at every second pixel, and so on.
         figure: the shape, the character's own or capsules along its bones.
         outer: how the pose is looked for.
-        differences: steps of the slopes of one descent after the other, in units of the skeleton's initial spread.
-        iterations: of each descent.
+        iterations: of the descent.
         evaluations: cuts per group of Powell's method.
         masks: given masks; in their views colours say nothing.
     """
@@ -55,8 +55,7 @@ class PoseCut(Baseline):
     pixels: int = 4000
     figure: Literal["mesh", "sticks"] = "mesh"
     outer: Literal["descent", "powell"] = "descent"
-    differences: tuple[float, ...] = (0.3, 0.1)
-    iterations: int = 8
+    iterations: int = 40
     evaluations: int = 100
     masks: MaskSource | None = None
 
@@ -105,19 +104,16 @@ class PoseCut(Baseline):
         return CutEnergy(worker.character, pose, frame.problem, views, steepness, self.fatness, figure)
 
     def _descent(self, energy: CutEnergy, unit: np.ndarray, box: np.ndarray, groups: list) -> np.ndarray:
-        """Descend in all degrees of freedom together, by slopes over long steps and then short ones."""
-        found = np.zeros(len(unit))
-        for step in self.differences:
-            best = minimize(
-                lambda values: energy(values * unit),
-                found,
-                jac=lambda values, step=step: energy.slope(values * unit, step * unit) * unit,
-                method="L-BFGS-B",
-                bounds=box,
-                options={"maxiter": self.iterations},
-            )
-            found = best.x
-        return found
+        """Descend in all degrees of freedom together."""
+        best = minimize(
+            lambda values: energy(values * unit),
+            np.zeros(len(unit)),
+            jac=lambda values: energy.slope(values * unit, _DIFFERENCE * unit) * unit,
+            method="L-BFGS-B",
+            bounds=box,
+            options={"maxiter": self.iterations, "ftol": 1e-4},
+        )
+        return best.x
 
     def _powell(self, energy: CutEnergy, unit: np.ndarray, box: np.ndarray, groups: list) -> np.ndarray:
         """Look for the minimum in one group of degrees of freedom after the other."""

@@ -18,6 +18,7 @@ from ._edges import (
     background_edges as background_edges,
     image_edges as image_edges,
     mask_edges as mask_edges,
+    unit_gradient as unit_gradient,
 )
 from ._features import (
     FeatureSettings as FeatureSettings,

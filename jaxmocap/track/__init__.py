@@ -12,5 +12,6 @@ from ._sequence import (
     track_frames as track_frames,
 )
 from ._settings import with_settings as with_settings
+from ._start import flow_start as flow_start
 from ._state import TrackingState as TrackingState
 from ._tracker import Tracker as Tracker
