@@ -154,7 +154,8 @@ def figures_of(rows: list[dict]) -> list[Figure]:
 def table(rows: list[dict]) -> str:
     """Tabulate the mean errors: a line per method, masks, last pose, start and cameras, a column per story."""
     stories = list(dict.fromkeys(row["story"] for row in rows))
-    lines = [f"| method | masks | last pose | start | cameras | {' | '.join(stories)} |", "|---" * (5 + len(stories)) + "|"]
+    head = f"| method | masks | last pose | start | cameras | {' | '.join(stories)} |"
+    lines = [head, "|---" * (5 + len(stories)) + "|"]
     parts = ("method", "masks", "pose", "begin", "cameras", "story")
     cells = {tuple(row[part] for part in parts): float(np.mean(row["errors"])) for row in rows}
     order = lambda key: (key[0], key[1] != "true", key[2] != "true", key[3] != "own", key[4])  # noqa: E731

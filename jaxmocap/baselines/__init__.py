@@ -17,6 +17,7 @@ from ._gaussian_body import GaussianBody as GaussianBody, colour_cone as colour_
 from ._graph_cut import GridCut as GridCut
 from ._hasler import SegmentAndFit as SegmentAndFit
 from ._image_gaussians import image_gaussians as image_gaussians
+from ._keypoint_fit import KeypointFit as KeypointFit
 from ._keypoints import KeypointTriangulation as KeypointTriangulation
 from ._optimisers import (
     CovarianceMatrixAdaptation as CovarianceMatrixAdaptation,
@@ -40,6 +41,7 @@ METHODS: dict[str, Callable[[Quality], Tracker | Method]] = {
     "annealed-particle-filter": annealed_particle_filter,
     "cma-es": covariance_matrix_adaptation,
     "keypoints": lambda quality: KeypointTriangulation(),
+    "keypoint-fit": lambda quality: KeypointFit(),
     "hasler-1": lambda quality: SegmentAndFit(iterations=1),
     "hasler-5": lambda quality: SegmentAndFit(iterations=5),
     "posecut": lambda quality: PoseCut(),

@@ -24,7 +24,7 @@ def given_masks(masks: MaskSource | None, frame: Frame) -> list[Bool[np.ndarray,
     """Crop the masks that are given for a frame to its rectangle, one per view; None where none is given."""
     views = range(len(frame.shown.images))
     whole = [None if masks is None else masks(camera, frame.number) for camera in views]
-    return [None if mask is None else frame.rectangle.crop(mask, camera) for camera, mask in zip(views, whole, strict=True)]
+    return [None if mask is None else frame.rectangle.crop(mask, camera) for camera, mask in enumerate(whole)]
 
 
 class Follower:

@@ -30,13 +30,17 @@ _NODES = 100_000  # of one graph; larger pictures are cut at every second pixel,
 class SegmentAndFit(Baseline):
     """Per frame, from the pose that autoregression predicts, `iterations` times: cut the person out of every view, with
     the colour densities of the selected frames (after the first time half of them are those of the last cut) and the
-    drawn mesh as shape prior, then fit contours to the masks (`fit.rounds` of association). The paper reports 1 and 5
-    iterations.
+    drawn mesh as shape prior, then fit contours to the masks. The publication evolves a level set; a graph cut with the
+    same unary terms minimises the same kind of energy.
 
-    `shape` weighs the squared distance to the drawn outline (nats per squared pixel of a person 270 pixels tall, up to
-    `farthest` pixels), `contrast` the length of the outline where the picture is flat. The publication evolves a level
-    set; a graph cut with the same unary terms minimises the same kind of energy. Views in which `masks` gives a mask
-    are not segmented.
+    Attributes:
+        iterations: of cutting and fitting; the paper reports 1 and 5.
+        shape: weighs the squared distance to the drawn outline, nats per squared pixel of a person 270 pixels tall;
+            ours, by the masks of four stories, as `contrast` is.
+        farthest: such pixels beyond which a distance costs no more; ours.
+        contrast: what an outline costs per pixel where the picture is flat, nats.
+        fit: how contours are fitted; `rounds` of association.
+        masks: given masks; their views are not segmented.
     """
 
     iterations: int = 5

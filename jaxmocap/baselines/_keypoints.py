@@ -21,6 +21,16 @@ _SCALE, _ROBUST = 0.02, 0.15
 """Metres that count as 1, and the Geman-McClure scale beyond which a point is taken for wrong."""
 
 
+def asked_for_keypoints(observations: Observations, needed_by: str) -> Observations:
+    """Return the observations if they hold detections. Raises `InputError` where they do not."""
+    if observations.detections is None:
+        raise InputError(
+            f"capture '{observations.capture.name}' comes without keypoints at every frame, which {needed_by} needs; "
+            "name a folder of OpenPose BODY_25 files with --detections."
+        )
+    return observations
+
+
 class LandmarkPoints(eqx.Module):
     """Landmarks tied to points in the world, as rows of the least squares like `LandmarkRays`: `mix (row, landmark)`
     averages landmarks; metres."""
@@ -53,12 +63,7 @@ class KeypointTriangulation(Baseline):
 
     def follow(self, observations: Observations, key: PRNGKeyArray) -> Follower:
         """Make the worker of one sequence. Raises `InputError` where the observations hold no detections."""
-        if observations.detections is None:
-            raise InputError(
-                f"capture '{observations.capture.name}' comes without keypoints at every frame, which keypoint "
-                "triangulation needs; name a folder of OpenPose BODY_25 files with --detections."
-            )
-        return super().follow(observations, key)
+        return super().follow(asked_for_keypoints(observations, "keypoint triangulation"), key)
 
     def start(self, worker: Follower, history: MotionHistory) -> Pose:
         """Begin at the last pose: where depth is weak, extrapolating noise would run away."""

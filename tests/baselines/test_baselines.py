@@ -1,11 +1,22 @@
 """Every baseline tracks a frame of the synthetic world from the true pose of the one before."""
 
+import json
+
 import jax
 import numpy as np
 import pytest
+from synthetic_world import POINTS
 
 from jaxmocap._results import InputError
-from jaxmocap.baselines import METHODS, KeypointTriangulation, PoseCut, SegmentAndFit, method, selected_histograms
+from jaxmocap.baselines import (
+    METHODS,
+    KeypointFit,
+    KeypointTriangulation,
+    PoseCut,
+    SegmentAndFit,
+    method,
+    selected_histograms,
+)
 from jaxmocap.capture import Detections
 from jaxmocap.character import difference, skin
 from jaxmocap.track import FrameTracker, Tracker, track
@@ -58,6 +69,17 @@ def test_too_few_keypoints_leave_the_last_pose(world, stood_still, tmp_path):
     )
 
 
+def test_a_fit_to_perfect_keypoints_places_the_body_whatever_one_of_them_says(world, stood_still, tmp_path):
+    folder = world.write_keypoints(tmp_path / "keypoints", range(3))
+    assert found(world, KeypointFit(), Detections.open(world.capture, folder)) < 0.8
+    path = next(folder.glob("cam0_00002*"))
+    points = json.loads(path.read_text())
+    wrist = 3 * POINTS["r_wrist"]
+    points["people"][0]["pose_keypoints_2d"][wrist] += 100.0
+    path.write_text(json.dumps(points))
+    assert found(world, KeypointFit(), Detections.open(world.capture, folder)) < 1.2
+
+
 @pytest.mark.slow
 def test_segment_and_fit_follows_the_outline(world, stood_still):
     assert found(world, SegmentAndFit(iterations=1)) < stood_still
@@ -85,8 +107,20 @@ def test_posecut_minimises_its_energy_whose_minimum_is_near_the_person(world):
     sideways[0] = 0.3
     assert energy(step(world.pose(2))) < energy(np.zeros(39)) < energy(sideways)
     pose = worker.track(state, world.shown(2)).result.pose
-    assert energy(step(pose)) < energy(step(world.pose(2)))  # a stick figure's best fit is not the truth
+    assert energy(step(pose)) < energy(step(world.pose(2)))  # colours' best fit is not the truth
     assert error(world, pose, 2) < 4.5
+
+
+def test_posecut_s_slope_is_that_of_differences(world):
+    """Of steps that move outlines by pixels, for they are drawn in pixels."""
+    baseline = PoseCut(masks=lambda camera, frame: world.truth.masks[frame][camera])
+    energy = baseline.energy(baseline.follow(world.observations(), jax.random.key(0)), world.frame(2), world.pose(1))
+    unit = world.character.skeleton.initial_spread
+    slope = energy.slope(np.zeros(39), unit) * unit
+    moves = 0.1 * unit * np.eye(39)
+    measured = np.array([energy(move) - energy(-move) for move in moves]) / 0.2
+    assert np.corrcoef(slope, measured)[0, 1] > 0.95
+    assert slope @ measured / (measured @ measured) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.slow
@@ -102,4 +136,4 @@ def test_methods_by_name():
     assert isinstance(method("ours", "draft"), Tracker)
     with pytest.raises(InputError, match="ours, local"):
         method("nothing")
-    assert len(METHODS) == 11
+    assert len(METHODS) == 12
