@@ -57,26 +57,28 @@ class SegmentAndFit(Baseline):
         return selected_histograms(observations)
 
     def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:
-        colours = worker.memory
         pose, problem, crops = start, frame.problem, frame.crops()
+        colours, given = list(worker.memory), given_masks(self.masks, frame)
         height, width = problem.size
         step = int(np.ceil(np.sqrt(height * width / _NODES)))
-        first = step // 2
-        small = [np.ascontiguousarray(crop[first::step, first::step]) for crop in crops]
-        cuts = [GridCut(picture.astype(float) / 255, self.contrast, 0.1 * self.contrast) for picture in small]
-        given = given_masks(self.masks, frame)
+        pick = (slice(step // 2, None, step),) * 2
+        small = [np.ascontiguousarray(crop[pick]) for crop in crops]
+        cuts = [
+            GridCut(picture.astype(float) / 255, self.contrast, 0.1 * self.contrast) if known is None else None
+            for picture, known in zip(small, given, strict=True)
+        ]
         for _ in range(self.iterations):
             _, ids, _ = draw(worker.character, pose, problem)
             masks = []
-            for camera, (picture, cut, known) in enumerate(zip(small, cuts, given, strict=True)):
-                if known is not None:
+            for camera, (cut, known) in enumerate(zip(cuts, given, strict=True)):
+                if cut is None:
                     masks.append(known)
                     continue
                 body = np.asarray(ids[camera]) >= 0
-                mask = self._segment(picture, cut, colours[camera], body[first::step, first::step], step)
+                mask = self._segment(small[camera], cut, colours[camera], body[pick], step)
                 masks.append(cv2.resize(mask.astype(np.uint8), body.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
-            seen = [ColourHistograms.fit([pair]) for pair in zip(crops, masks, strict=True)]
-            colours = [now.mixed(known, 0.5) for now, known in zip(seen, worker.memory, strict=True)]
+                now = ColourHistograms.fit([(crops[camera], masks[-1])])
+                colours[camera] = now.mixed(worker.memory[camera], 0.5)
             edges = [mask_edges(mask) for mask in masks]
             outlined = replace(
                 problem,
