@@ -111,7 +111,7 @@ class PoseCut(Baseline):
             jac=lambda values: energy.slope(values * unit, _DIFFERENCE * unit) * unit,
             method="L-BFGS-B",
             bounds=box,
-            options={"maxiter": self.iterations, "ftol": 1e-4},
+            options={"maxiter": self.iterations, "ftol": 1e-6},
         )
         return best.x
 
