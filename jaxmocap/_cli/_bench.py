@@ -31,8 +31,8 @@ def bench(
         tuple[str, ...],
         tyro.conf.arg(
             metavar="NAME ...",
-            help="ours, local, annealed-particle-filter, cma-es, keypoints, hasler-1, hasler-5, posecut, "
-            "sums-of-gaussians, flow, differentiable-rendering.",
+            help="ours, local, annealed-particle-filter, cma-es, keypoints, keypoint-fit, hasler-1, hasler-5, posecut, "
+            "sums-of-gaussians, flow, differentiable-rendering, differentiable-visibility.",
             help_behavior_hint="(default: all)",
         ),
     ] = (),

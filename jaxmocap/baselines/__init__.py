@@ -12,8 +12,10 @@ from ._differentiable_rendering import (
     RenderedColours as RenderedColours,
     differentiable_rendering as differentiable_rendering,
 )
+from ._differentiable_visibility import DifferentiableVisibility as DifferentiableVisibility, descend as descend
 from ._follower import Baseline as Baseline, Follower as Follower
 from ._gaussian_body import GaussianBody as GaussianBody, colour_cone as colour_cone
+from ._gaussian_visibility import GaussianVisibility as GaussianVisibility, gaussian_visibility as gaussian_visibility
 from ._graph_cut import GridCut as GridCut
 from ._hasler import SegmentAndFit as SegmentAndFit
 from ._image_gaussians import image_gaussians as image_gaussians
@@ -48,6 +50,7 @@ METHODS: dict[str, Callable[[Quality], Tracker | Method]] = {
     "sums-of-gaussians": lambda quality: SumsOfGaussians(),
     "flow": flow_only,
     "differentiable-rendering": differentiable_rendering,
+    "differentiable-visibility": lambda quality: DifferentiableVisibility(),
 }
 """By name; those that share parts with the tracker take them from the preset of this quality."""
 

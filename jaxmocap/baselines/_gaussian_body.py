@@ -1,5 +1,7 @@
 """The body as a sum of coloured Gaussians in space, attached to the bones (Stoll et al. 2011)."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -47,18 +49,31 @@ def colour_cone(rgb: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     return np.stack([chroma * across / length, chroma * up / length, value], -1)
 
 
-def gaussian_body(
-    character: Character,
-    face_colours: Float[np.ndarray, "camera face 3"],
-    known: Float[np.ndarray, "camera face"],
-    count: int,
-) -> GaussianBody:
+class Filling(NamedTuple):
+    """A character filled with Gaussians (host): where each is, how wide, whose it is, and the faces around it.
+
+    Attributes:
+        centres: at rest, metres.
+        sigmas: standard deviations, metres.
+        bones: weights of Eq. 1, a 1 in every row.
+        gaussian: of each wedge between bone and skin.
+        face: of each wedge.
+        mass: of each wedge, cubic metres.
+    """
+
+    centres: Float[np.ndarray, "gaussian 3"]
+    sigmas: Float[np.ndarray, "gaussian"]
+    bones: Float[np.ndarray, "gaussian bone"]
+    gaussian: Int[np.ndarray, "wedge"]
+    face: Int[np.ndarray, "wedge"]
+    mass: Float[np.ndarray, "wedge"]
+
+
+def filling(character: Character, count: int) -> Filling:
     """Fill a character with `count` Gaussians, at least one per body that owns skin (host).
 
     Every body is filled with points between its bone and its skin, and the widest cloud of points is cut in two across
-    its longest axis until there are enough: Gaussians come out about as wide as the limbs they lie in. Colours are mean
-    RGB of the faces around (`face_colours` in [0, 1], those with `known` > 0), of all views where a view knows none.
-    A Gaussian of which no view knows the colour is left out.
+    its longest axis until there are enough: Gaussians come out about as wide as the limbs they lie in.
     """
     vertices, faces = np.asarray(character.vertices, np.float64), np.asarray(character.faces)
     corners, owner, bones = vertices[faces], dominant_bodies(character), capsules(character)
@@ -76,11 +91,26 @@ def gaussian_body(
     square = np.bincount(label, mass * ((points - centres[label]) ** 2).sum(1)) / total
     body = np.zeros((len(total), len(character.skeleton.body_names)), np.float32)
     body[label, owner[face]] = 1.0
-    colours, seen = _colours(label, face, mass, face_colours, known)
+    return Filling(centres, _WIDTH * np.sqrt(square), body, label, face, mass)
+
+
+def gaussian_body(
+    character: Character,
+    face_colours: Float[np.ndarray, "camera face 3"],
+    known: Float[np.ndarray, "camera face"],
+    count: int,
+) -> GaussianBody:
+    """Fill a character with `count` Gaussians, and colour them (host).
+
+    Colours are mean RGB of the faces around (`face_colours` in [0, 1], those with `known` > 0), of all views where a
+    view knows none. A Gaussian of which no view knows the colour is left out.
+    """
+    filled = filling(character, count)
+    colours, seen = _colours(filled, face_colours, known)
     return GaussianBody(
-        jnp.asarray(centres[seen], jnp.float32),
-        jnp.asarray(_WIDTH * np.sqrt(square[seen]), jnp.float32),
-        jnp.asarray(body[seen]),
+        jnp.asarray(filled.centres[seen], jnp.float32),
+        jnp.asarray(filled.sigmas[seen], jnp.float32),
+        jnp.asarray(filled.bones[seen]),
         jnp.asarray(colour_cone(colours[:, seen]), jnp.float32),
     )
 
@@ -114,18 +144,15 @@ def _longest(
 
 
 def _colours(
-    label: Int[np.ndarray, "point"],
-    face: Int[np.ndarray, "point"],
-    mass: Float[np.ndarray, "point"],
-    face_colours: Float[np.ndarray, "camera face 3"],
-    known: Float[np.ndarray, "camera face"],
+    filled: Filling, face_colours: Float[np.ndarray, "camera face 3"], known: Float[np.ndarray, "camera face"]
 ) -> tuple[Float[np.ndarray, "camera gaussian 3"], Bool[np.ndarray, "gaussian"]]:
     """Average RGB per view and Gaussian, and mark the Gaussians that any view knows."""
     sums, weights = [], []
     for colours, seen in zip(face_colours, known, strict=True):
-        weight = mass * seen[face]
-        weights.append(np.bincount(label, weight))
-        sums.append(np.stack([np.bincount(label, weight * colours[face, c]) for c in range(3)], 1))
+        weight = filled.mass * seen[filled.face]
+        weights.append(np.bincount(filled.gaussian, weight))
+        parts = [np.bincount(filled.gaussian, weight * colours[filled.face, c]) for c in range(3)]
+        sums.append(np.stack(parts, 1))
     total, weight = np.stack(sums), np.stack(weights)
     anywhere = total.sum(0) / np.maximum(weight.sum(0), 1e-12)[:, None]
     own = total / np.maximum(weight, 1e-12)[..., None]

@@ -13,6 +13,14 @@ from ._face_ids import (
     projection_matrices as projection_matrices,
 )
 from ._keys import WINDOW as WINDOW, KeyLayout as KeyLayout, crop as crop, empty_buffer as empty_buffer
+from ._ray_visibility import (
+    RaySamples as RaySamples,
+    on_rays as on_rays,
+    quantile_samples as quantile_samples,
+    spaced_samples as spaced_samples,
+    transmittance as transmittance,
+    visibilities as visibilities,
+)
 from ._soft_faces import SoftFaces as SoftFaces, SoftSettings as SoftSettings, soft_faces as soft_faces
 from ._tiles import (
     Tiles as Tiles,

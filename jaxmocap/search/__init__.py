@@ -16,4 +16,4 @@ from ._group_search import (
     group_searches as group_searches,
 )
 from ._plan import SearchPlan as SearchPlan
-from ._polish import PolishPlan as PolishPlan, polish as polish
+from ._polish import PolishPlan as PolishPlan, downhill as downhill, fitted as fitted, polish as polish

@@ -4,7 +4,9 @@ Not in the paper, whose refinement minimises another energy than its search ("th
 local optimization is not consistent") and names this as future work.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,7 +15,7 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, Float, Int
 
-from jaxmocap.character import Character, Pose, clamp, retract
+from jaxmocap.character import Character, Pose, Skeleton, clamp, retract
 from jaxmocap.energies import SearchEnergy, soft_score
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import SoftSettings
@@ -49,22 +51,33 @@ def _measure(energy, character, pose, problem, settings):
 
 @eqx.filter_jit
 def _descend(energy, character, pose, problem, settings, steps, tolerance):
-    skeleton = character.skeleton
+    def value(moved: Pose) -> tuple[Float[Array, ""], Array]:
+        score = soft_score(energy, character, moved, problem, settings)
+        return score.total, score.needed
+
+    return downhill(value, character.skeleton, pose, steps, tolerance)
+
+
+def downhill(
+    value: Callable[[Pose], tuple[Float[Array, ""], Any]], skeleton: Skeleton, pose: Pose, steps: int, tolerance: float
+) -> tuple[Pose, tuple[Float[Array, ""], Any]]:
+    """Take at most `steps` of BFGS downhill within the joint limits; return the pose and what `value` is there.
+
+    `value` is a differentiable energy and anything beside it. Pure: for `jit`.
+    """
     unit = jnp.asarray(skeleton.per_dof(root=_ROTATION, angles=_ANGLE)).at[:3].set(_TRANSLATION)
 
     def moved(step: Float[Array, "dof"]) -> Pose:
         return clamp(skeleton, retract(skeleton, pose, unit * step))
 
-    def value(step: Float[Array, "dof"], _: None) -> tuple[Float[Array, ""], Array]:
-        score = soft_score(energy, character, moved(step), problem, settings)
-        return score.total, score.needed
-
     solver = optimistix.BFGS(rtol=tolerance, atol=tolerance)
     start = jnp.zeros(skeleton.num_dofs)
     with jax.default_matmul_precision("highest"):  # BFGS leaves it to JAX
-        found = optimistix.minimise(value, solver, start, has_aux=True, max_steps=steps, throw=False)
+        found = optimistix.minimise(
+            lambda step, _: value(moved(step)), solver, start, has_aux=True, max_steps=steps, throw=False
+        )
     best = jnp.where(jnp.isfinite(found.value).all(), found.value, 0.0)
-    return moved(best), value(best, None)
+    return moved(best), value(moved(best))
 
 
 def polish(

@@ -136,4 +136,4 @@ def test_methods_by_name():
     assert isinstance(method("ours", "draft"), Tracker)
     with pytest.raises(InputError, match="ours, local"):
         method("nothing")
-    assert len(METHODS) == 12
+    assert len(METHODS) == 13
