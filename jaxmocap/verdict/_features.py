@@ -71,7 +71,8 @@ def limb_features(
     "cost" is that of Eq. 6, mean over the outer half's pixels, as far as it is above `_EXPLAINED`; "unseen" the share
     of the outer half that no view shows. "leap" is the logarithm of how many times farther from halfway between the
     frames before and after the limb is than `_LEAP`, or than twice what is usual in this sequence if that is more; 0
-    where it is not, or where a neighbour is farther. "frame" is the frame's logit.
+    where it is not, or where a neighbour is farther. What is between the last two frames is the last one's if the limb
+    was on its way until then. "frame" is the frame's logit.
     """
     costs = np.stack([result.limb_costs for result in results])
     unseen = 1.0 - np.stack([result.limb_seen for result in results])
@@ -97,6 +98,9 @@ def _leaps(results: Sequence[FrameResult], skeleton: Skeleton) -> Float[np.ndarr
         own = places[:, skeleton.bodies_of(group)[bodies]]
         far[1:-1, limb] = np.linalg.norm(own[1:-1] - 0.5 * (own[:-2] + own[2:]), axis=-1).max(axis=1)
     usual = np.median(far[1:-1], axis=0) if len(results) > _FEW else np.zeros(far.shape[1])
+    if len(results) > 3:  # one that is out of its way puts those beside it half as far from halfway
+        last = far[-3] < far[-2] / 4
+        far[-2:] = np.where(last, 0.0, far[-2]), np.where(last, far[-2], 0.0)
     padded = np.pad(far, ((1, 1), (0, 0)))
     peak = far >= np.maximum(padded[2:], padded[:-2])  # its neighbours are far only because of it
     return np.where(peak, np.log(np.maximum(far / np.maximum(2 * usual, _LEAP), 1.0)), 0.0)

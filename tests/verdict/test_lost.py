@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from perturbed import arm_away, moved, vertex_errors
 
+from jaxmocap.character import with_limb
 from jaxmocap.clip import ClipPlan
 from jaxmocap.energies import search_energy
 from jaxmocap.search import SearchPlan
@@ -60,6 +61,16 @@ def test_only_the_frame_that_leaps_is_far_from_its_neighbours(world, true_result
     assert found[2, 0] > 1.0
     found[2, 0] = 0.0
     assert found.max() < 0.2
+
+
+@pytest.mark.parametrize("leaps", [3, 4])
+def test_of_the_last_two_frames_the_one_out_of_its_way_leaps(world, true_results, leaps):
+    poses = [true_results[0].pose] * 5
+    poses[leaps] = with_limb(poses[0], arm_away(world, 1), world.character.skeleton.group("l_arm"))
+    results = [replace(true_results[0], pose=pose) for pose in poses]
+    found = limb_features(results, world.character.skeleton, np.zeros(5))[..., LIMB_FEATURES.index("leap")]
+    assert found[leaps, 0] > 0.2
+    assert np.sum(found > 0) == 1
 
 
 def test_lost_parts_have_no_confidence_and_others_keep_theirs(world, true_results):
