@@ -92,7 +92,8 @@ def test_one_call_writes_the_table_the_figures_and_the_report(quick_runs, tmp_pa
     assert len(rows) == len(METHODS) * len(STORIES) + 2
     assert {row["capture_hash"] for row in rows} == {"0"}
     text = (tmp_path / "out" / "report.md").read_text()
-    assert "| posecut | 6 | +7.00 | [+7.00, +7.00] | ours is better |" in text
+    behind = f"+{list(METHODS).index('posecut')}.00"
+    assert f"| posecut | 6 | {behind} | [{behind}, {behind}] | ours is better |" in text
     assert (tmp_path / "out" / "report.html").read_text().count("<svg") == len(STORIES)
 
 

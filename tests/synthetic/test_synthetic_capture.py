@@ -135,7 +135,7 @@ def test_motion_blur_changes_the_moving_actor_and_keeps_the_mask():
     [
         ({"num_frames": 0}, "num_frames"),
         ({"size": (191, 108)}, "even"),
-        ({"num_cameras": 5}, "num_cameras"),
+        ({"num_cameras": 9}, "num_cameras"),
         ({"sub_frames": 0}, "sub_frames"),
         ({"selected_frames": (99,)}, "selected_frames"),
     ],
