@@ -53,14 +53,15 @@ def outline_of(ids: Int[np.ndarray, "row column"]) -> Outline:
     rim = (body > 0) & (cv2.erode(body, np.ones((3, 3), np.uint8), borderValue=1) == 0)
     if not rim.any():
         rim = body > 0
-    distance, label = cv2.distanceTransformWithLabels(
+    distance, number = cv2.distanceTransformWithLabels(
         (~rim).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
+    label = np.asarray(number, np.intp)
     at = np.zeros((label.max() + 1, 2), np.intp)
     at[label[rim]] = np.argwhere(rim)
     nearest = at[label]
     away = np.where(body > 0, -distance - 0.5, distance - 0.5)
-    way = (np.stack(np.indices(ids.shape), -1) - nearest)[..., ::-1] * np.where(body > 0, -1.0, 1.0)[..., None]
+    way = (np.moveaxis(np.indices(ids.shape), 0, -1) - nearest)[..., ::-1] * np.where(body > 0, -1.0, 1.0)[..., None]
     slope = unit_gradient(cv2.GaussianBlur(away.astype(np.float32), (0, 0), 1.0))
     length = np.linalg.norm(way, axis=-1, keepdims=True)
     outwards = np.where(length > 0, way / np.maximum(length, 1e-9), slope)

@@ -89,7 +89,7 @@ class GaussianVisibility(AbstractPoseTerm):
         _, which = lax.top_k(jnp.where(along > 0, depths, 0.0), min(self.nearest, len(self.sigmas)))
         along, depths = on_rays(apart[which], sigmas[which], deepest, ways[:, None])
         samples = quantile_samples(self.samples)
-        shares, behind = jax.vmap(lambda *ray: visibilities(*ray, samples))(along, sigmas[which], depths)
+        shares, behind = jax.vmap(visibilities, (0, 0, 0, None))(along, sigmas[which], depths, samples)
         return which, shares, behind
 
     def _view(

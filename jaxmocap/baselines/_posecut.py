@@ -92,14 +92,15 @@ class PoseCut(Baseline):
             step = int(np.ceil(np.sqrt(drawn[camera][window].size / self.pixels)))
             part = window[0].start + step // 2, window[1].start + step // 2
             pick = slice(part[0], window[0].stop, step), slice(part[1], window[1].stop, step)
-            picture, lens = np.ascontiguousarray(crop[pick]), (view.intrinsics[camera], view.cam_from_world[camera])
+            picture = np.ascontiguousarray(crop[pick])
+            lens = np.asarray(view.intrinsics[camera], float), np.asarray(view.cam_from_world[camera], float)
             if known is None:
                 costs = histograms[camera].costs(picture)
             else:
                 costs = _CERTAIN * ~known[pick], _CERTAIN * known[pick]
-            at = np.stack(np.mgrid[pick][::-1], -1).reshape(-1, 2) + frame.rectangle.origins[camera][::-1] + 0.5
+            at = np.moveaxis(np.mgrid[pick][::-1], 0, -1).reshape(-1, 2) + frame.rectangle.origins[camera][::-1] + 0.5
             cut = GridCut(picture.astype(float) / 255, self.contrast / step, self.constant / step)
-            views.append(CutView(window, step, at, tuple(np.asarray(part, float) for part in lens), cut, *costs))
+            views.append(CutView(window, step, at, lens, cut, *costs))
         steepness = self.steepness * _TALL / max(float(np.mean(heights)), 1.0)
         return CutEnergy(worker.character, pose, frame.problem, views, steepness, self.fatness, figure)
 
