@@ -83,7 +83,7 @@ def filmed(name: str, cameras: int, runs: Path) -> Filmed:
     spec = story(name, quick=True).varied(num_frames=NUM_FRAMES, selected_frames=list(range(NUM_FRAMES)), **around)
     capture = Capture.open(film(spec, runs / "films")).with_selected_frames((0,))
     assert capture.truth is not None
-    with np.load(capture.truth) as truth:
+    with np.load(capture.truth, allow_pickle=False) as truth:
         poses = Pose(jnp.asarray(truth["root"]), jnp.asarray(truth["angles"]))
     character, first = open_character(capture), {0: Pose(poses.root[0], poses.angles[0])}
     appearance = fit_capture_appearance(capture, capture.cameras, character, first, key=jax.random.key(0))
