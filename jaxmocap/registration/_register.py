@@ -33,6 +33,10 @@ from ._fit_silhouette import (
 from ._inverse_kinematics import inverse_kinematics
 from ._pose_file import Overrides, apply_overrides
 
+KEYPOINT_SCALE = 0.03
+"""Metres between a landmark and a keypoint's ray that count as 1, as 0.02 do for a point of an outline: an arm before
+the body has no outline of its own, and only its keypoints keep it from that of the body."""
+
 
 @dataclass(frozen=True)
 class Registration:
@@ -86,7 +90,7 @@ def register_frame(
     if overrides:
         pose, fixed = apply_overrides(character, pose, overrides)
     seen = jnp.asarray(stacked_keypoints(keypoints))
-    landmarks = (keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale=0.08),)
+    landmarks = (keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, KEYPOINT_SCALE),)
     images = [capture.image(c, frame) for c in views]
     masks = [capture.mask(c, frame) for c in views]
     if surface is None:
