@@ -22,7 +22,7 @@ class ContourSettings(eqx.Module):
     `contours` "outer" is the silhouette (the paper); "outer+occluding" adds depth discontinuities inside it. `step`
     takes every step-th contour pixel. No edge farther than `within` pixels counts: like `reach`, which is compiled in,
     but free to change. `capacity` bounds the contour pixels per view. `inside` says that edge pixels are
-    the outermost ones of a mask, whose outline is half a pixel further out.
+    the outermost ones of a mask, which belong to the outermost ones of the drawn mesh.
     """
 
     reach: int = eqx.field(static=True, default=15)
@@ -154,10 +154,9 @@ def contour_lines(
             problem.surface.has_colour[camera, face],
             settings,
         )
-        if settings.inside:
-            targets = targets - 0.5 * points.normal
-        # The silhouette's edge lies half a pixel outside the outermost covered pixel's centre.
-        here = jnp.stack([points.column, points.row], -1).astype(jnp.float32) - 0.5 * points.normal
+        here = jnp.stack([points.column, points.row], -1).astype(jnp.float32)
+        if not settings.inside:  # the silhouette's edge lies half a pixel outside the outermost covered pixel's centre
+            here = here - 0.5 * points.normal
         corner = problem.origins[camera, ::-1].astype(jnp.float32) + 0.5
         return surface_lines(
             vertices,

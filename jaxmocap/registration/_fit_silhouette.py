@@ -27,6 +27,10 @@ from jaxmocap.search import group_searches
 NEAREST = 4
 """Other views that a view is held against, those nearest in direction: from farther off the surface looks otherwise."""
 
+STRETCH = 2.0
+"""Factor on the steps of `fit_between_views`: flow between pictures that are nearly alike tells too little of what is
+left, and steps of this length need half as many rounds (at 3 they overshoot)."""
+
 _MOST_ROWS = 16_000
 """Rows of surface flow in one least squares, all pairs of views together; where there are many, each has fewer."""
 
@@ -48,7 +52,7 @@ class RegistrationSettings:
     rounds: int = 10
     search_below: float = 0.9
     warn_below: float = 0.9
-    view_flow: int = 10
+    view_flow: int = 20
     refiner: AbstractRefiner = field(default_factory=Shooting)
 
 
@@ -67,18 +71,19 @@ def _moved(
     weight: Float[np.ndarray, "dof"],
     settings: RegistrationSettings,
     fixed: list[int],
+    stretch: float = 1.0,
 ) -> Pose:
-    """Move the pose by three steps of least squares; `weight` pulls it back and the DoFs `fixed` stay."""
+    """Move the pose by three steps of least squares, stretched; `weight` pulls it back and the DoFs `fixed` stay."""
     prior, index = free_prior(character, pose, weight), jnp.array(fixed, jnp.int32)
     prior = prior._replace(lower=prior.lower.at[index].set(0.0), upper=prior.upper.at[index].set(0.0))
     still = jnp.zeros(character.skeleton.num_dofs)
     delta, _ = descend(character, pose, still, rows, landmarks, prior, settings.refiner, steps=3)
-    return retract(character.skeleton, pose, delta)
+    return retract(character.skeleton, pose, jnp.clip(stretch * delta, prior.lower, prior.upper))
 
 
 def _mask_contours(within: float) -> ContourSettings:
     """How contours look for a mask's outline, no farther than so many pixels; one compiled program for all of them."""
-    return ContourSettings(reach=30, capacity=2048, accept_cosine=0.5, accept_score=0.8, within=within)
+    return ContourSettings(reach=30, capacity=2048, inside=True, accept_cosine=0.5, accept_score=0.8, within=within)
 
 
 def fit_to_masks(
@@ -142,7 +147,7 @@ def fit_between_views(
         flows = surface_flow(character, vertices, ids, crops, problem, sources, flow)
         contours = contour_lines(vertices, character.faces, ids, inverse, problem, _mask_contours(12))
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
-        pose = _moved(character, pose, rows, landmarks, weight, settings, fixed)
+        pose = _moved(character, pose, rows, landmarks, weight, settings, fixed, STRETCH)
     return pose
 
 

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from jaxmocap._results import InputError
-from jaxmocap.character import landmark_positions, pose_vector
-from jaxmocap.observation import key_poses_of
+from jaxmocap.character import landmark_positions, pose_vector, skin
+from jaxmocap.energies import contour_lines
+from jaxmocap.geometry import vertex_normals
+from jaxmocap.observation import build_problem, draw, frame_rectangle, key_poses_of, mask_edges, surface_of
 from jaxmocap.registration import RegistrationSettings, register
+from jaxmocap.registration._fit_silhouette import _mask_contours
 
 LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "heel", "toe")
 BODY = ("pelvis", "spine", "thorax", "neck", *(f"{side}_{joint}" for side in "lr" for joint in LIMBS))
@@ -31,7 +34,7 @@ def test_landmarks_are_found_to_two_centimetres_at_the_selected_frames(world, re
     for frame, found in registered.items():
         assert found.frame == frame
         distance = errors(world, frame, found.pose, BODY)
-        assert distance.mean() < 0.015, frame
+        assert distance.mean() < 0.008, frame
         assert distance.max() < 0.05, frame
 
 
@@ -95,3 +98,25 @@ def test_mirrored_cameras_are_refused_in_a_sentence(world):
     mirrored = eqx.tree_at(lambda c: c.cam_from_world, world.cameras, poses)
     with pytest.raises(InputError, match=r"capture 'synthetic': .* point backwards: the cameras are mirrored"):
         register(world.capture, mirrored, world.character, (0,), settings=QUICK)
+
+
+def test_the_outline_of_a_mask_is_half_a_pixel_outside_its_pixels(world):
+    """At the true pose the outlines ask for no growth: a tenth of a pixel, where they once asked for half of one."""
+    character, pose = world.character, world.pose(0)
+    vertices = np.asarray(skin(character, pose))
+    surface = surface_of(character, None, world.cameras.num_cameras)
+    rectangle = frame_rectangle(vertices, world.cameras, 0, speed=np.full(2, 30.0))
+    images = [world.capture.image(camera, 0) for camera in range(2)]
+    edges = [mask_edges(rectangle.crop(world.capture.mask(camera, 0), camera)) for camera in range(2)]
+    problem = build_problem(images, rectangle, world.cameras, 0, vertices, surface, edges=edges)
+    posed, ids, inverse_depth = draw(character, pose, problem)
+    lines = contour_lines(posed, character.faces, ids, inverse_depth, problem, _mask_contours(12))
+    normals = vertex_normals(vertices, np.asarray(character.faces))[np.asarray(lines.corners)]
+    outward = np.cross(np.einsum("rk,rkc->rc", np.asarray(lines.barycentric), normals), np.asarray(lines.direction))
+    weighted = np.asarray(lines.weight)[:, None] * outward
+    growth = -(weighted * np.asarray(lines.residual(posed))).sum() / (weighted * outward).sum()
+    view = world.cameras.at(0)
+    depth = (np.asarray(view.cam_from_world)[:, 2] @ np.append(vertices.mean(0), 1)).mean()
+    pixel = depth / float(np.asarray(view.intrinsics)[:, 0, 0].mean())
+    assert np.asarray(lines.weight).sum() > 300
+    assert abs(growth) < 0.1 * pixel
