@@ -51,6 +51,8 @@ def main() -> int:
     add_options(parser)
     options = parser.parse_args()
     capture, key = Capture.open(options.capture), jax.random.key(options.seed)
+    if capture.truth is None:
+        parser.error(f"capture '{capture.name}' has no truth, against which its poses could be held.")
     if options.keypoints is not None:
         capture = capture.with_keypoints_folder(options.keypoints.resolve())
     if options.find_masks:

@@ -44,8 +44,8 @@ class RegistrationSettings:
         search_below: intersection over union below which the silhouette energy is searched by annealing (Gall et al.
             2009).
         warn_below: intersection over union below which the command line warns.
-        view_flow: rounds that compare the views with each other through the surface (Eq. 7 as least squares); 0, the
-            paper, leaves that out.
+        view_flow: rounds that compare the views with each other through the surface (Eq. 7 as least squares); 20,
+            ours; 0, the paper, leaves that out.
         refiner: solves the least squares.
     """
 
@@ -81,9 +81,10 @@ def _moved(
     return retract(character.skeleton, pose, jnp.clip(stretch * delta, prior.lower, prior.upper))
 
 
-def _mask_contours(within: float) -> ContourSettings:
-    """How contours look for a mask's outline, no farther than so many pixels; one compiled program for all of them."""
-    return ContourSettings(reach=30, capacity=2048, inside=True, accept_cosine=0.5, accept_score=0.8, within=within)
+def _mask_contours(within: float, masked: bool = True) -> ContourSettings:
+    """Say how contours look for the outline of a mask (or, not `masked`, for edges of the picture), no farther than so
+    many pixels; one compiled program for all distances."""
+    return ContourSettings(reach=30, capacity=2048, inside=masked, accept_cosine=0.5, accept_score=0.8, within=within)
 
 
 def fit_to_masks(
@@ -93,11 +94,14 @@ def fit_to_masks(
     landmarks: tuple[LandmarkRays, ...],
     settings: RegistrationSettings,
     fixed: list[int],
+    masked: bool = True,
 ) -> Pose:
-    """Fit contour points to the mask outline, re-associated every round: the local optimisation of Gall et al. 2009."""
+    """Fit contour points to the mask outline, re-associated every round: the local optimisation of Gall et al. 2009.
+
+    Not `masked`, the problem's edges are those of its pictures."""
     weight = character.skeleton.per_dof(root=0.5, angles=3.0)
     for round_index in range(settings.rounds):
-        contours = _mask_contours(30 if round_index < 3 else 15)
+        contours = _mask_contours(30 if round_index < 3 else 15, masked)
         vertices, ids, inverse = draw(character, pose, problem)
         lines = contour_lines(vertices, character.faces, ids, inverse, problem, contours)
         rows = (Rows(lines, 0.02, 0.03 if round_index < 5 else 0.015),)
@@ -132,6 +136,7 @@ def fit_between_views(
     landmarks: tuple[LandmarkRays, ...],
     settings: RegistrationSettings,
     fixed: list[int],
+    masked: bool = True,
 ) -> Pose:
     """Fit contours to the masks and, over the surface, every view to the `NEAREST` others."""
     weight = character.skeleton.per_dof(root=0.2, angles=0.8)
@@ -145,7 +150,7 @@ def fit_between_views(
         views = same_time_sources(pictures, problem, vertices, host_ids)
         sources = [[views[n] for n in others] for others in near]
         flows = surface_flow(character, vertices, ids, crops, problem, sources, flow)
-        contours = contour_lines(vertices, character.faces, ids, inverse, problem, _mask_contours(12))
+        contours = contour_lines(vertices, character.faces, ids, inverse, problem, _mask_contours(12, masked))
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
         pose = _moved(character, pose, rows, landmarks, weight, settings, fixed, STRETCH)
     return pose

@@ -101,7 +101,8 @@ def register_frame(
     cropped = [None if m is None else rectangle.crop(m, c) for c, m in enumerate(masks)]
     edges = [mask_edges(m) if m is not None else None for m in cropped]
     problem = build_problem(images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface)
-    if any(e is not None for e in edges):
+    masked = any(e is not None for e in edges)
+    if masked:
         known = [
             e if e is not None else (np.asarray(problem.edges.mask[c]), np.asarray(problem.edges.gradient[c]))
             for c, e in enumerate(edges)
@@ -109,7 +110,7 @@ def register_frame(
         problem = build_problem(
             images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface, edges=known
         )
-    pose = fit_to_masks(character, pose, problem, landmarks, settings, fixed)
+    pose = fit_to_masks(character, pose, problem, landmarks, settings, fixed, masked)
     searched = False
     agreement = _agreement(character, pose, problem, cropped)
     if np.nanmin(np.append(agreement, 1.0)) < settings.search_below:
@@ -123,7 +124,7 @@ def register_frame(
                 pose, agreement = found, better
     if settings.view_flow and cameras.num_cameras > 1:
         crops = [rectangle.crop(image, c) for c, image in enumerate(images)]
-        pose = fit_between_views(character, pose, problem, crops, landmarks, settings, fixed)
+        pose = fit_between_views(character, pose, problem, crops, landmarks, settings, fixed, masked)
         agreement = _agreement(character, pose, problem, cropped)
     return Registration(frame, pose, agreement, rms, searched)
 

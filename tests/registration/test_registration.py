@@ -100,8 +100,8 @@ def test_mirrored_cameras_are_refused_in_a_sentence(world):
         register(world.capture, mirrored, world.character, (0,), settings=QUICK)
 
 
-def test_the_outline_of_a_mask_is_half_a_pixel_outside_its_pixels(world):
-    """At the true pose the outlines ask for no growth: a tenth of a pixel, where they once asked for half of one."""
+def test_outlines_of_masks_ask_for_no_growth_at_the_true_pose(world):
+    """Less than a tenth of a pixel; it was a quarter, inwards or outwards."""
     character, pose = world.character, world.pose(0)
     vertices = np.asarray(skin(character, pose))
     surface = surface_of(character, None, world.cameras.num_cameras)
