@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -21,6 +22,7 @@ from jaxmocap.character import Character, Pose, skin
 
 from ._clean_plate import CleanPlate
 from ._features import FeatureSettings, FrameFeatures, frame_features, match_background
+from ._flow import FlowAhead
 from ._problem import FrameImages, full_image_ids
 from ._rectangle import Rectangle
 
@@ -59,6 +61,7 @@ class BackgroundModel:
         appearance: Appearance,
         key_poses: dict[int, Pose],
         features: FeatureSettings,
+        ahead: FlowAhead | None = None,
     ):
         self.capture = capture
         self.cameras = cameras
@@ -66,6 +69,7 @@ class BackgroundModel:
         self.appearance = appearance
         self.key_poses = key_poses
         self.features = features
+        self.ahead = FlowAhead() if ahead is None else ahead
         self._tables: dict[tuple[int, int], np.ndarray] = {}
         self._selected: dict[tuple[int, int], FrameFeatures] = {}
 
@@ -144,7 +148,7 @@ class BackgroundModel:
                 plate = warped if plate is None else plate.filled_from(warped)
             assert plate is not None
             before = CleanPlate(settings, frame, plate, image, person)
-        now = before.at(frame, image, person)
+        now = before.at(frame, image, person, partial(self.ahead.between, camera))
         return now, replace(known, plate=now)
 
     def _warp(

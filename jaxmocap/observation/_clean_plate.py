@@ -1,5 +1,6 @@
 """The clean plate of a camera while a sequence is tracked: what is behind the person, learnt frame by frame."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -16,14 +17,12 @@ from jaxmocap.appearance import (
     warped_plate,
 )
 
-from ._flow import dense_flow, flow_agrees
+from ._flow import FrameFlow, Image, frame_flow
 
 Window = tuple[slice, slice]
 
 LATTICE = 8
 """The flow of every LATTICE-th background pixel carries the grid."""
-LONGEST_SIDE = 1280
-"""Flow is computed on images not larger than this."""
 
 
 @dataclass
@@ -39,12 +38,17 @@ class CleanPlate:
     renewed: Plate | None = None
 
     def at(
-        self, frame: int, image: UInt8[np.ndarray, "height width 3"], person: Bool[np.ndarray, "height width"]
+        self,
+        frame: int,
+        image: UInt8[np.ndarray, "height width 3"],
+        person: Bool[np.ndarray, "height width"],
+        flow: Callable[[Image, Image], FrameFlow] = frame_flow,
     ) -> "CleanPlate":
-        """Return the plate at `frame`, before that frame is learnt; `person` is where the person is expected."""
+        """Return the plate at `frame`, before that frame is learnt; `person` is where the person is expected, `flow`
+        computes the flow from the plate's frame to this one."""
         if frame == self.frame:
             return self
-        warp = neighbour_warp(self.image, self.person, image, person, self.settings)
+        warp = neighbour_warp(flow(self.image, image), self.person, person, self.settings)
         plate = warped_plate(self.plate if self.renewed is None else self.renewed, warp, self.settings.grid)
         return CleanPlate(self.settings, frame, plate, image, person)
 
@@ -61,33 +65,24 @@ class CleanPlate:
 
 
 def neighbour_warp(
-    before: UInt8[np.ndarray, "height width 3"],
+    flow: FrameFlow,
     person_before: Bool[np.ndarray, "height width"],
-    after: UInt8[np.ndarray, "height width 3"],
     person_after: Bool[np.ndarray, "height width"],
     settings: AppearanceSettings,
     growth: int = 10,
 ) -> GridWarp:
     """Warp the grid from a frame to the next one by the dense flow beside the person."""
-    height, width = before.shape[:2]
-    scale = min(1.0, LONGEST_SIDE / max(height, width))
-    size = (round(width * scale), round(height * scale))
+    (height, width), size = person_before.shape, flow.agrees.shape[::-1]
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * growth + 1, 2 * growth + 1))
-    pictures = []
-    for image in (before, after):
-        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        pictures.append(grey if scale == 1 else cv2.resize(grey, size, interpolation=cv2.INTER_AREA))
-    forward, backward = dense_flow(pictures[0], pictures[1]), dense_flow(pictures[1], pictures[0])
-    good = flow_agrees(forward, backward, 0.1)
     masks = []
     for mask in (person_before, person_after):
         grown = cv2.dilate((mask != 0).astype(np.uint8), kernel)
         masks.append(cv2.resize(grown, size, interpolation=cv2.INTER_NEAREST) > 0)
     row, column = (a.ravel() for a in np.mgrid[LATTICE // 2 : size[1] : LATTICE, LATTICE // 2 : size[0] : LATTICE])
     start = np.stack([column, row], -1) + 0.5
-    end = start + forward[row, column]
+    end = start + flow.forward[row, column]
     landing = np.clip(end.astype(int), 0, [size[0] - 1, size[1] - 1])
-    keep = good[row, column] & ~masks[0][row, column] & ~masks[1][landing[:, 1], landing[:, 0]]
+    keep = flow.agrees[row, column] & ~masks[0][row, column] & ~masks[1][landing[:, 1], landing[:, 0]]
     ratio = np.array([width / size[0], height / size[1]])
     matches = start[keep] * ratio, end[keep] * ratio
     stiffness = min(settings.warp.alphas)  # so many points need no choice: it always falls on the least

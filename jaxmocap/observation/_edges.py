@@ -39,5 +39,6 @@ def mask_edges(
 
 def unit_gradient(gray: np.ndarray) -> Float[np.ndarray, "height width 2"]:
     """Compute the direction of steepest ascent per pixel, (dx, dy), zero where flat."""
-    gradient = np.stack([cv2.Sobel(gray, cv2.CV_32F, 1, 0), cv2.Sobel(gray, cv2.CV_32F, 0, 1)], -1)
-    return gradient / np.maximum(np.linalg.norm(gradient, axis=-1, keepdims=True), 1e-6)
+    across, down = cv2.Sobel(gray, cv2.CV_32F, 1, 0), cv2.Sobel(gray, cv2.CV_32F, 0, 1)
+    length = np.maximum(np.sqrt(across * across + down * down), np.float32(1e-6))
+    return np.stack([across / length, down / length], -1)

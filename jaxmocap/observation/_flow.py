@@ -1,10 +1,20 @@
-"""Dense optical flow between two pictures, with its own check."""
+"""Dense optical flow between two pictures, with its own check; between consecutive frames it is computed ahead."""
 
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
+
+from jaxmocap._runtime import cores
+
+LONGEST_SIDE = 1280
+"""The flow between whole frames is computed on images not larger than this."""
+
+Image = UInt8[np.ndarray, "height width 3"]
+Shown = TypeVar("Shown")
 
 _PRESETS = {
     "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
@@ -47,3 +57,58 @@ def sample_picture(picture: np.ndarray, columns: np.ndarray, rows: np.ndarray) -
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
+
+
+class FrameFlow(NamedTuple):
+    """The flow from a whole frame to another of the same camera, on images made small, and where it agrees with the
+    flow back."""
+
+    forward: Float[np.ndarray, "rows columns 2"]
+    agrees: Bool[np.ndarray, "rows columns"]
+
+
+def frame_flow(before: Image, after: Image) -> FrameFlow:
+    """Compute the flow from one whole frame to another of the same size."""
+    height, width = before.shape[:2]
+    scale = min(1.0, LONGEST_SIDE / max(height, width))
+    size = (round(width * scale), round(height * scale))
+    pictures = []
+    for image in (before, after):
+        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        pictures.append(grey if scale == 1 else cv2.resize(grey, size, interpolation=cv2.INTER_AREA))
+    forward, backward = dense_flow(pictures[0], pictures[1]), dense_flow(pictures[1], pictures[0])
+    return FrameFlow(forward, flow_agrees(forward, backward, 0.1))
+
+
+class FlowAhead:
+    """Flow between consecutive frames, computed in other threads while the earlier frame is still being tracked."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[int, tuple[Image, Image, Future[FrameFlow]]] = {}
+
+    def follow(self, frames: Iterable[Shown], images: Callable[[Shown], Sequence[Image]]) -> Iterator[Shown]:
+        """Pass frames on, each once the next one is decoded and its flow is on the way.
+
+        A frame that cannot be decoded fails after the one before it has been passed on.
+        """
+        coming = iter(frames)
+        before, failure = next(coming, None), None
+        with ThreadPoolExecutor(max(cores() // 2, 1)) as pool:
+            while before is not None:
+                try:
+                    after = next(coming, None)
+                except Exception as error:
+                    after, failure = None, error
+                pairs = [] if after is None else zip(images(before), images(after), strict=True)
+                self._waiting = {k: (*pair, pool.submit(frame_flow, *pair)) for k, pair in enumerate(pairs)}
+                yield before
+                if failure is not None:
+                    raise failure
+                before = after
+
+    def between(self, camera: int, before: Image, after: Image) -> FrameFlow:
+        """Return the flow between two images of a camera: what was computed ahead, if it was between just these."""
+        first, second, found = self._waiting.get(camera, (None, None, None))
+        if found is None or first is not before or second is not after:
+            return frame_flow(before, after)
+        return found.result()

@@ -17,6 +17,7 @@ from ._background import Background, BackgroundModel
 from ._detections import DetectorOffsets, expected_keypoints, nearest_person, stacked_keypoints
 from ._edges import background_edges
 from ._features import FeatureSettings
+from ._flow import FlowAhead
 from ._problem import Frame, FrameImages, FrameProblem, build_problem
 from ._rectangle import Rectangle
 from ._surface import filled_surface, surface_of
@@ -64,11 +65,18 @@ class Observations:
 
     def __post_init__(self) -> None:
         self.surface = surface_of(self.character, self.appearance, self.cameras.num_cameras)
+        self._ahead = FlowAhead()  # copies of these observations share it: one decodes, another tracks
         self.background = self._background()
 
     def _background(self) -> BackgroundModel:
         return BackgroundModel(
-            self.capture, self.cameras, self.character, self.appearance, self.key_poses, self.features
+            self.capture,
+            self.cameras,
+            self.character,
+            self.appearance,
+            self.key_poses,
+            self.features,
+            self._ahead,
         )
 
     def with_key_pose(self, frame: int, pose: Pose) -> "Observations":
@@ -88,7 +96,13 @@ class Observations:
         return other
 
     def frames(self, leg: range) -> Iterator[FrameImages]:
-        """Decode the frames of a leg in its order, streaming; a leg may run backwards."""
+        """Decode the frames of a leg in its order, streaming, one ahead; a leg may run backwards."""
+        decoded = self._decoded(leg)
+        if self.appearance.settings.behind != "plate":
+            return decoded
+        return self._ahead.follow(decoded, lambda shown: shown.images)
+
+    def _decoded(self, leg: range) -> Iterator[FrameImages]:
         if leg.step == 1:
             for frame, images in self.capture.frames(leg.start, leg.stop):
                 yield FrameImages(frame, float(self.capture.timestamps[frame]), images)

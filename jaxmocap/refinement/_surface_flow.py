@@ -192,8 +192,9 @@ def compare_views(
         seen_here, target_here = seen[box], target[box]
         gain = float(np.clip(target_here[seen_here].mean() / max(transferred[seen_here].mean(), 1.0), 0.5, 2.0))
         predicted = np.where(seen_here, np.clip(transferred * gain, 0, 255), target_here).astype(np.uint8)
-        forward = dense_flow(predicted, target_here, settings.preset)
-        backward = dense_flow(target_here, predicted, settings.preset)
+        with ThreadPoolExecutor(1) as pool:
+            back = pool.submit(dense_flow, target_here, predicted, settings.preset)
+            forward, backward = dense_flow(predicted, target_here, settings.preset), back.result()
         good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here)
         weight[box], moved[box] = textured(predicted), forward
     return Comparison(source_pixel, seen, good, moved, weight)

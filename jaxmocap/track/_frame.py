@@ -1,5 +1,6 @@
 """One frame: start, search, refine, judge. Sec. 4 of the paper from top to bottom."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -7,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from jaxmocap._cache import free_programs
-from jaxmocap._runtime import Clock
+from jaxmocap._runtime import Clock, cores
 from jaxmocap.character import Pose, difference, skin
 from jaxmocap.motion import MotionHistory, after
 from jaxmocap.observation import Frame, FrameImages, LightMeter, Observations, frame_rectangle, lit_apart
@@ -276,8 +277,8 @@ class FrameTracker:
         if not self.tracker.light:
             return shown, state
         with clock.stage("light"):
-            meters = zip(state.light, shown.images, strict=True)
-            light = tuple(meter.at(image) for meter, image in meters)
+            with ThreadPoolExecutor(cores()) as pool:
+                light = tuple(pool.map(LightMeter.at, state.light, shown.images))
             factors = np.stack([meter.factors() for meter in light])
             shown = shown if (factors == 1).all() else shown.in_light(factors)
         return shown, state._replace(light=light)

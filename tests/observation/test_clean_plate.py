@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from jaxmocap.appearance import AppearanceSettings, Plate, plate_beside
 from jaxmocap.observation._clean_plate import CleanPlate, neighbour_warp
+from jaxmocap.observation._flow import FlowAhead, frame_flow
 
 SETTINGS = AppearanceSettings(behind="plate")
 
@@ -33,7 +34,7 @@ def filmed(texture: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_the_neighbour_is_found_to_a_tenth_of_a_pixel(texture):
     (before, person), (after, person_after) = filmed(texture, 0), filmed(texture, 1)
-    warp = neighbour_warp(before, person, after, person_after, SETTINGS)
+    warp = neighbour_warp(frame_flow(before, after), person, person_after, SETTINGS)
     middle = (np.abs(warp.vertices - (160, 120)) < (110, 90)).all(axis=1)
     regular = np.stack(np.meshgrid(np.linspace(0, 320, 17), np.linspace(0, 240, 17)), -1).reshape(-1, 2)
     assert middle.sum() > 80
@@ -88,3 +89,30 @@ def test_a_filmed_person_stands_out_from_the_first_frame_on(world):
         assert background[masks & known].mean() > 0.8
     again = np.asarray(observations.problem(world.shown(2), world.rectangle(2), world.pose(2)).background)
     np.testing.assert_array_equal(again, cold)
+
+
+def test_flow_computed_ahead_is_that_of_these_two_images_or_of_none(texture):
+    frames = [[filmed(texture, n)[0], filmed(texture, 2 * n)[0]] for n in range(3)]
+    ahead, passed = FlowAhead(), []
+    for number, images in enumerate(ahead.follow(frames, lambda images: images)):
+        passed.append(images is frames[number])
+        for camera in range(2) if number < 2 else ():
+            pair = frames[number][camera], frames[number + 1][camera]
+            for found in (ahead.between(camera, *pair), ahead.between(camera, *(image.copy() for image in pair))):
+                for computed, plain in zip(found, frame_flow(*pair), strict=True):
+                    np.testing.assert_array_equal(computed, plain)
+            other = ahead.between(camera, pair[1], pair[0])
+            np.testing.assert_array_equal(other.forward, frame_flow(pair[1], pair[0]).forward)
+    assert passed == [True] * 3
+
+
+def test_a_frame_that_cannot_be_decoded_fails_after_the_one_before_it(texture):
+    def decoded():
+        yield [texture]
+        yield [texture]
+        raise OSError("damaged")
+
+    passed = []
+    with pytest.raises(OSError, match="damaged"):
+        passed.extend(FlowAhead().follow(decoded(), lambda images: images))
+    assert len(passed) == 2
