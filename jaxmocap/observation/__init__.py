@@ -30,6 +30,7 @@ from ._features import (
 from ._flow import (
     dense_flow as dense_flow,
     flow_agrees as flow_agrees,
+    flow_both_ways as flow_both_ways,
     sample_picture as sample_picture,
     squared_length as squared_length,
 )

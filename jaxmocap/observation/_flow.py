@@ -1,5 +1,8 @@
 """Dense optical flow between two pictures, with its own check; between consecutive frames it is computed ahead."""
 
+import os
+import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple, TypeVar
@@ -30,6 +33,17 @@ def dense_flow(
     pair = np.ascontiguousarray(first), np.ascontiguousarray(second)
     method: Any = cv2.DISOpticalFlow.create(_PRESETS[preset])  # its stub does not know that no flow may be given
     return method.calc(*pair, None)
+
+
+def flow_both_ways(
+    first: UInt8[np.ndarray, "height width"], second: UInt8[np.ndarray, "height width"], preset: str = "medium"
+) -> tuple[Float[np.ndarray, "height width 2"], Float[np.ndarray, "height width 2"]]:
+    """Compute the flow from the first picture to the second and back, at the same time where there are many cores."""
+    if cores() <= 4:  # the threads of whoever calls this keep them busy
+        return dense_flow(first, second, preset), dense_flow(second, first, preset)
+    with ThreadPoolExecutor(1) as pool:
+        back = pool.submit(dense_flow, second, first, preset)
+        return dense_flow(first, second, preset), back.result()
 
 
 def flow_agrees(
@@ -76,7 +90,7 @@ def frame_flow(before: Image, after: Image) -> FrameFlow:
     for image in (before, after):
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         pictures.append(grey if scale == 1 else cv2.resize(grey, size, interpolation=cv2.INTER_AREA))
-    forward, backward = dense_flow(pictures[0], pictures[1]), dense_flow(pictures[1], pictures[0])
+    forward, backward = flow_both_ways(*pictures)
     return FrameFlow(forward, flow_agrees(forward, backward, 0.1))
 
 
@@ -84,7 +98,7 @@ class FlowAhead:
     """Flow between consecutive frames, computed in other threads while the earlier frame is still being tracked."""
 
     def __init__(self) -> None:
-        self._waiting: dict[int, tuple[Image, Image, Future[FrameFlow]]] = {}
+        self._here: dict[int, tuple[Image, Image, Future[FrameFlow]]] = {}
 
     def follow(self, frames: Iterable[Shown], images: Callable[[Shown], Sequence[Image]]) -> Iterator[Shown]:
         """Pass frames on, each once the next one is decoded and its flow is on the way.
@@ -93,22 +107,30 @@ class FlowAhead:
         """
         coming = iter(frames)
         before, failure = next(coming, None), None
-        with ThreadPoolExecutor(max(cores() // 2, 1)) as pool:
+        ahead: dict[int, tuple[Image, Image, Future[FrameFlow]]] = {}
+        with ThreadPoolExecutor(max(cores() // 2, 1), initializer=_give_way) as pool:
             while before is not None:
                 try:
                     after = next(coming, None)
                 except Exception as error:
                     after, failure = None, error
                 pairs = [] if after is None else zip(images(before), images(after), strict=True)
-                self._waiting = {k: (*pair, pool.submit(frame_flow, *pair)) for k, pair in enumerate(pairs)}
+                self._here, ahead = ahead, {k: (*p, pool.submit(frame_flow, *p)) for k, p in enumerate(pairs)}
                 yield before
                 if failure is not None:
                     raise failure
                 before = after
 
     def between(self, camera: int, before: Image, after: Image) -> FrameFlow:
-        """Return the flow between two images of a camera: what was computed ahead, if it was between just these."""
-        first, second, found = self._waiting.get(camera, (None, None, None))
+        """Return the flow to a camera's image of the frame last passed on from the one before: what was computed ahead,
+        if it was between just these images."""
+        first, second, found = self._here.get(camera, (None, None, None))
         if found is None or first is not before or second is not after:
             return frame_flow(before, after)
         return found.result()
+
+
+def _give_way() -> None:
+    """Let this thread run where others leave a core idle, as far as the system knows of threads' priorities."""
+    if sys.platform == "linux":
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)

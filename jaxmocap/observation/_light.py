@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ._flow import dense_flow, flow_agrees
+from ._flow import flow_agrees, flow_both_ways
 
 BANDS = 16
 """Bands of rows, because a rolling shutter lights part of a frame, and blocks in each."""
@@ -66,7 +66,7 @@ def light_change(
     first, second = (cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in (before, after))
     gain = max(float(np.median(first)), 1.0) / max(float(np.median(second)), 1.0)
     second = np.clip(second * gain, 0, 255).astype(np.uint8)
-    forward, backward = dense_flow(first, second, "fast"), dense_flow(second, first, "fast")
+    forward, backward = flow_both_ways(first, second, "fast")
     rows, columns = np.mgrid[: first.shape[0], : first.shape[1]].astype(np.float32)
     there = columns + forward[..., 0], rows + forward[..., 1]
     warped = cv2.remap(after.astype(np.float32), *there, cv2.INTER_LINEAR, borderValue=(0, 0, 0, 0))

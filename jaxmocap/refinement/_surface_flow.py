@@ -21,7 +21,7 @@ from jaxmocap._runtime import cores
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Pose, skin
 from jaxmocap.energies import SurfaceLines, surface_lines
-from jaxmocap.observation import FrameProblem, dense_flow, flow_agrees, sample_picture, squared_length
+from jaxmocap.observation import FrameProblem, flow_agrees, flow_both_ways, sample_picture, squared_length
 from jaxmocap.render import face_ids
 
 from ._transfer import View, transfer
@@ -192,9 +192,7 @@ def compare_views(
         seen_here, target_here = seen[box], target[box]
         gain = float(np.clip(target_here[seen_here].mean() / max(transferred[seen_here].mean(), 1.0), 0.5, 2.0))
         predicted = np.where(seen_here, np.clip(transferred * gain, 0, 255), target_here).astype(np.uint8)
-        with ThreadPoolExecutor(1) as pool:
-            back = pool.submit(dense_flow, target_here, predicted, settings.preset)
-            forward, backward = dense_flow(predicted, target_here, settings.preset), back.result()
+        forward, backward = flow_both_ways(predicted, target_here, settings.preset)
         good[box] = usable(seen_here, cosine[box], forward, backward, predicted, target_here)
         weight[box], moved[box] = textured(predicted), forward
     return Comparison(source_pixel, seen, good, moved, weight)

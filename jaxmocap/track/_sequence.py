@@ -22,6 +22,9 @@ from ._checkpoint import Checkpoint, Saved
 from ._frame import FrameTracker, Worker
 from ._tracker import Tracker
 
+RELEASE_EVERY = 16
+"""Frames after which free memory goes back to the system: what is given back has to be fetched again."""
+
 
 class Progress(NamedTuple):
     """Told after every frame: frames done, frames in all, and the frame's result."""
@@ -82,7 +85,8 @@ def track_frames(
             else:
                 step = worker.track(state, shown)
             state = step.state
-            release_memory()
+            if shown.frame % RELEASE_EVERY == 0:
+                release_memory()
             if shown.frame in results:
                 continue
             results |= {result.frame: result for result in (step.result, *step.revised)}
