@@ -1,8 +1,5 @@
 """Dense optical flow between two pictures, with its own check; between consecutive frames it is computed ahead."""
 
-import os
-import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple, TypeVar
@@ -108,7 +105,7 @@ class FlowAhead:
         coming = iter(frames)
         before, failure = next(coming, None), None
         ahead: dict[int, tuple[Image, Image, Future[FrameFlow]]] = {}
-        with ThreadPoolExecutor(max(cores() // 2, 1), initializer=_give_way) as pool:
+        with ThreadPoolExecutor(max(cores() // 2, 1)) as pool:
             while before is not None:
                 try:
                     after = next(coming, None)
@@ -128,9 +125,3 @@ class FlowAhead:
         if found is None or first is not before or second is not after:
             return frame_flow(before, after)
         return found.result()
-
-
-def _give_way() -> None:
-    """Let this thread run where others leave a core idle, as far as the system knows of threads' priorities."""
-    if sys.platform == "linux":
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)
