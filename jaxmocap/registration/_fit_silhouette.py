@@ -98,7 +98,8 @@ def fit_to_masks(
 ) -> Pose:
     """Fit contour points to the mask outline, re-associated every round: the local optimisation of Gall et al. 2009.
 
-    Not `masked`, the problem's edges are those of its pictures."""
+    Where it is not `masked`, the problem's edges are those of its pictures.
+    """
     weight = character.skeleton.per_dof(root=0.5, angles=3.0)
     for round_index in range(settings.rounds):
         contours = _mask_contours(30 if round_index < 3 else 15, masked)

@@ -107,11 +107,11 @@ def test_flow_computed_ahead_is_that_of_the_same_images_and_of_no_others(texture
         assert images is frames[number]
         for camera in range(2) if number else ():
             pair = frames[number - 1][camera], frames[number][camera]
-            for images, others in ((pair, 0), ([image.copy() for image in pair], 1), (pair[::-1], 1)):
+            for asked, late in ((pair, 0), ([image.copy() for image in pair], 1), (pair[::-1], 1)):
                 computed_here.clear()
-                found = ahead.between(camera, *images)
-                assert len(computed_here) == others
-                for computed, plain in zip(found, frame_flow(*images), strict=True):
+                found = ahead.between(camera, *asked)
+                assert len(computed_here) == late
+                for computed, plain in zip(found, frame_flow(*asked), strict=True):
                     np.testing.assert_array_equal(computed, plain)
     assert number == 3
 
