@@ -1,6 +1,6 @@
 """Captures on disk: videos with their timestamps, keypoints, masks and cameras, and checks before tracking."""
 
-from ._capture import KEYPOINT_NAMES as KEYPOINT_NAMES, Capture as Capture
+from ._capture import KEYPOINT_NAMES as KEYPOINT_NAMES, SILHOUETTES as SILHOUETTES, Capture as Capture
 from ._check import check as check
 from ._check_geometry import check_subject as check_subject, triangulated_people as triangulated_people
 from ._check_videos import SYNC_REPORT as SYNC_REPORT

@@ -24,6 +24,9 @@ from ._video import FrameReader, VideoIndex, index_video, shared_frames
 KEYPOINT_NAMES = tuple("pelvis" if name == "mid_hip" else name for name in BODY_25.points)
 """The points that `Capture.keypoints` gives."""
 
+SILHOUETTES = "silhouettes"
+"""Folder in that of the keypoints: where a detector sees the person, one mask per picture."""
+
 _METRES = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
 _CACHED_IMAGES = 8
 _OPENED = ("timestamps", "cameras", "_reductions", "_undistortions", "_random_access")
@@ -232,7 +235,23 @@ class Capture:
         found = self.found_masks.get((camera_index, frame))
         if found is not None or self.masks_folder is None:
             return found
-        file = mask_file(self.masks_folder, self.camera_names[camera_index], own)
+        return self._read_mask(self.masks_folder, camera_index, own)
+
+    def silhouette(self, camera_index: int, frame: int) -> Bool[np.ndarray, "height width"] | None:
+        """Read where a detector sees the person, undistorted like the image; None if it has not said.
+
+        Less exact than a mask: it says roughly where masks are to be found.
+        """
+        folder = self.silhouettes_folder
+        return None if folder is None else self._read_mask(folder, camera_index, self._own_frame(camera_index, frame))
+
+    @property
+    def silhouettes_folder(self) -> Path | None:
+        """PNG files of the person in every picture, `SILHOUETTES` in the keypoints' folder; None without keypoints."""
+        return None if self.keypoints_folder is None else self.keypoints_folder / SILHOUETTES
+
+    def _read_mask(self, folder: Path, camera_index: int, own: int) -> Bool[np.ndarray, "height width"] | None:
+        file = mask_file(folder, self.camera_names[camera_index], own)
         if not file.is_file():
             return None
         mask = read_mask(file, self.recorded_sizes[camera_index])

@@ -14,8 +14,8 @@ _CHUNK = 1 << 20
 
 
 def content_hash(capture: Capture) -> str:
-    """Hash the videos, the cameras, the keypoints, the masks and the settings of `capture.toml` that matter for
-    tracking; not of comments, names of files, or the truth. Reads every video once."""
+    """Hash the videos, the cameras, the keypoints, the masks, the silhouettes and the settings of `capture.toml` that
+    matter for tracking; not of comments, names of files, or the truth. Reads every video once."""
     settings = (capture.up, capture.metres_per_unit, capture.selected_frames, capture.offsets, capture.camera_names)
     layout = () if capture.keypoint_layout is None else (capture.keypoint_layout,)
     cameras = None if capture.cameras_path is None else capture.cameras
@@ -28,7 +28,8 @@ def content_hash(capture: Capture) -> str:
             own, source = int(capture.video_frames[camera, frame]), sources[camera]
             points = None if source is None else source.frame_file(own)
             mask = None if capture.masks_folder is None else mask_file(capture.masks_folder, name, own)
-            for kind, path in (("keypoints", points), ("mask", mask)):
+            shown = None if capture.silhouettes_folder is None else mask_file(capture.silhouettes_folder, name, own)
+            for kind, path in (("keypoints", points), ("mask", mask), ("silhouette", shown)):
                 if path is not None and path.is_file():
                     _add(found, f"{kind} {camera} {frame}", path)
     for camera, source in enumerate(sources):

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 from ._layouts import BLAZEPOSE_33
-from ._person_model import Network, Sighting
+from ._person_model import Network, Sighting, Silhouette
 from ._region import Region, brightened, whole
 
 _FINDER, _SQUARE = 224, 256  # pixels of the two networks' pictures
@@ -84,16 +84,18 @@ class BlazePose:
         """Look at the person in a region of an RGB picture: the mean of what the square and its mirror image show."""
         square = brightened(region.cut(picture, _SQUARE)).astype(np.float32) / 255
         squares = np.stack([square, square[:, ::-1]]) if self.mirrored else square[None]
-        values, presence, _, heat, _ = self.landmarks(squares)
+        values, presence, shown, heat, _ = self.landmarks(squares)
         answers = [_landmarks(*one) for one in zip(values, heat, strict=True)]
-        points, doubt = answers[0], 0.0
+        points, doubt, evidence = answers[0], 0.0, shown[0, ..., 0]
         if self.mirrored:
             other = answers[1][_MIRRORED] * (-1, 1, 1) + (1, 0, 0)
             doubt = float(np.median(np.linalg.norm((points - other)[:33, :2], axis=-1)))
             points = (points + other) / 2
+            evidence = (evidence + shown[1, :, ::-1, 0]) / 2
         points[:, :2] = region.to_picture(points[:, :2])
         next_region = Region.around(points[_HIPS, :2], points[_RIM, :2])
-        return Sighting(points[:33], float(presence[0].item()), next_region, doubt)
+        silhouette = Silhouette(region, evidence.astype(np.float32))
+        return Sighting(points[:33], float(presence[0].item()), next_region, doubt, silhouette)
 
 
 _Found = tuple[float, Float64[np.ndarray, "4"], Region]

@@ -1,6 +1,6 @@
 """Following one person through the pictures of a video."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,12 +62,14 @@ def follow_person(
     *,
     at: tuple[float, float] | None = None,
     frames: Sequence[int] | None = None,
+    silhouette: Callable[[int, Bool[np.ndarray, "height width"]], None] | None = None,
 ) -> FollowedPerson:
     """Find one person's keypoints in the RGB pictures of a video, in order of time.
 
     The person is the one who holds the pixel `at` of the first picture in which people are found, or is nearest to it;
     without, the largest, and `notes` say so where there are others. Points that jump away for a single picture, and
     those outside the picture, get confidence 0. `frames` are the pictures' numbers in the video, by default from 0.
+    `silhouette` is told each picture's number and the mask of the person in it, where the model knows one.
     """
     seen: list[Sighting | None] = []
     notes: list[str] = []
@@ -75,7 +77,13 @@ def follow_person(
     follower = _Follower(model, at, notes)
     for picture in pictures:
         height, width = picture.shape[:2]
-        seen.append(follower.next(picture))
+        sighting = follower.next(picture)
+        if sighting is not None and sighting.silhouette is not None:
+            if silhouette is not None:
+                number = len(seen) if frames is None else frames[len(seen)]
+                silhouette(number, sighting.silhouette.in_picture((height, width)))
+            sighting = replace(sighting, silhouette=None)
+        seen.append(sighting)
     numbers = np.arange(len(seen)) if frames is None else np.asarray(frames, np.int64)
     present = [one for one in seen if one is not None]
     if not present:

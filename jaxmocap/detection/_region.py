@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float64, UInt8
+from jaxtyping import Float32, Float64, UInt8
 
 _ROOM = 1.25  # MediaPipe's RectTransformationCalculator of pose_detection_to_roi
 _FINEST = 4
@@ -55,6 +55,15 @@ class Region:
         matrix = np.column_stack([step, start])
         found = cv2.warpAffine(picture, matrix, (count, count), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         return found if finer == 1 else cv2.resize(found, (size, size), interpolation=cv2.INTER_AREA)
+
+    def paste(
+        self, square: Float32[np.ndarray, "size size"], shape: tuple[int, int], outside: float
+    ) -> Float32[np.ndarray, "height width"]:
+        """Put values of the square's pixels into a picture of `shape` (height, width): the way back of `cut`."""
+        step = self._axes() * self.side / len(square)
+        start = self.to_picture(np.zeros((1, 2)))[0] + step @ [0.5, 0.5] - 0.5
+        matrix = np.column_stack([step, start])
+        return cv2.warpAffine(square, matrix, shape[::-1], flags=cv2.INTER_LINEAR, borderValue=outside)
 
     def _axes(self) -> Float64[np.ndarray, "2 2"]:
         """Return the square's own x and y in the picture, as columns."""

@@ -16,11 +16,11 @@ _FULL_CONTRAST, _FULL_STABILITY = 1.5, 0.6
 class MaskConfidence(NamedTuple):
     """Three signs that a mask is right, and `value`, the weakest of them, in [0, 1].
 
-    `agreement`: intersection over union with the projected body. `contrast`: how much stronger the image's edges are on
-    the outline than a little beside it, 0 where they are as strong, 1 where they are twice as strong. `stability`: cut
-    again with the prior grown and shrunk, which part of the change did the mask *not* follow; 1 says that the image
-    alone decides, 0 that it only repeats the prior. Agreement alone tells little, for a mask follows its prior: on pure
-    noise it is 0.95.
+    `agreement`: intersection over union with the projected body, or with what a detector has seen where that is more.
+    `contrast`: how much stronger the image's edges are on the outline than a little beside it, 0 where they are as
+    strong, 1 where they are twice as strong. `stability`: cut again with the prior grown and shrunk, which part of the
+    change did the mask *not* follow; 1 says that the image alone decides, 0 that it only repeats the prior. Agreement
+    alone tells little, for a mask follows its prior: on pure noise it is 0.95.
     """
 
     agreement: float
@@ -45,17 +45,21 @@ def mask_confidence(
     prior: Bool[np.ndarray, "height width"],
     still: Float[np.ndarray, "height width"] | None = None,
     settings: CutSettings | None = None,
+    *,
+    seen: Bool[np.ndarray, "height width"] | None = None,
 ) -> MaskConfidence:
-    """Judge a mask that `cut_person` found with this prior, the body being projected to `silhouette`."""
+    """Judge a mask that `cut_person` found with this prior and what a detector has `seen`, the body being projected to
+    `silhouette`."""
     if not mask.any() or not prior.any():
         return MaskConfidence(0.0, 0.0, 0.0)
     far, size = signed_distance(prior), np.sqrt(prior.sum())
     stability = []
     for moved in (far > -_MOVED * size, far > _MOVED * size):
         alike = _overlap(moved, prior)
-        followed = _overlap(mask, cut_person(image, moved, still, settings))
+        followed = _overlap(mask, cut_person(image, moved, still, settings, seen=seen))
         stability.append((followed - alike) / max(1 - alike, 1e-6))
-    return MaskConfidence(_overlap(mask, silhouette), outline_contrast(image, mask), float(min(stability)))
+    agreement = max(_overlap(mask, shape) for shape in (silhouette, seen) if shape is not None)
+    return MaskConfidence(agreement, outline_contrast(image, mask), float(min(stability)))
 
 
 def outline_contrast(image: UInt8[np.ndarray, "height width 3"], mask: Bool[np.ndarray, "height width"]) -> float:

@@ -3,10 +3,12 @@
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture, FrameReader, config_path
@@ -58,7 +60,8 @@ def detect(
     """Find the keypoints of one person in every video of a capture.
 
     `capture` is an open `Capture`, and nothing is written; or a capture folder or its `capture.toml`, in which
-    `keypoints` then names a folder with one file per camera. What is there of the same model, video and person is not
+    `keypoints` then names a folder with one file per camera, and in it `silhouettes`, masks of the person as the
+    detector sees them. What is there of the same model, video and person is not
     looked for again, so that a run that was cut off goes on, and other frames are added to it. Where `capture.toml`
     names keypoints of other making, `replace` names the new ones instead, which leaves those on disk; it also begins
     anew. `frames` (A, B) are A to B - 1 of the frames that the cameras share, `cameras` names some of them.
@@ -88,7 +91,7 @@ def detect(
         }
         if store.has(name, inputs, model, _own_frames(opened, name, span)):
             continue
-        found = _follow(opened, name, span, models, at.get(name), say, progress)
+        found = _follow(opened, name, span, models, at.get(name), say, progress, partial(store.add_silhouette, name))
         store.add(name, inputs, models.record(), found)
     everybody = {
         name: believed(person, opened.recorded_sizes[opened.camera_names.index(name)])
@@ -171,6 +174,7 @@ def _follow(
     at: tuple[float, float] | None,
     say: Say,
     progress: Report,
+    silhouette: Callable[[int, Bool[np.ndarray, "height width"]], None] | None = None,
 ) -> FollowedPerson:
     own = _own_frames(capture, name, span)
     index = capture.indices[capture.camera_names.index(name)]
@@ -186,7 +190,7 @@ def _follow(
             reader.close()
         progress(f"detect {name}", len(own), len(own))
 
-    found = follow_person(pictures(), model, at=at, frames=own.tolist())
+    found = follow_person(pictures(), model, at=at, frames=own.tolist(), silhouette=silhouette)
     for note in found.notes:
         say(f"{name}: {note}.")
     if not found.found.any():

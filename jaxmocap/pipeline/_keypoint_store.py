@@ -7,11 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+from jaxtyping import Bool
 
-from jaxmocap._files import free_name, write_json, write_text
+from jaxmocap._files import free_name, write_bytes, write_json, write_text
 from jaxmocap._results import InputError
-from jaxmocap.capture import Capture, with_keypoints_line
+from jaxmocap.capture import SILHOUETTES, Capture, mask_file, with_keypoints_line
 from jaxmocap.detection import FollowedPerson, ModelName, read_person, write_person
 
 DETECTION_REPORT = "detection.json"
@@ -61,6 +63,12 @@ class KeypointStore:
         write_person(self._path(name), found)
         self.record["cameras"][name] = {**inputs, "model": model, "notes": list(found.notes)}
         self._write_record()
+
+    def add_silhouette(self, name: str, frame: int, mask: Bool[np.ndarray, "height width"]) -> None:
+        """Write where the detector sees the person in one picture of a camera's video."""
+        folder = self.folder / SILHOUETTES
+        folder.mkdir(parents=True, exist_ok=True)
+        write_bytes(mask_file(folder, name, frame), cv2.imencode(".png", 255 * mask.astype(np.uint8))[1].tobytes())
 
     def _known(self, name: str, inputs: dict[str, Any]) -> dict[str, Any] | None:
         """Return what the record says of a camera, if it was looked for the same person in the same video."""

@@ -25,7 +25,8 @@ from jaxmocap.registration import (
 from jaxmocap.rigging import body, open_actor
 
 MOST_FRAMES, MOST_MASKED = 6, 2
-"""Well-spread frames whose keypoints tell the lengths, and those of them whose outlines tell the girths."""
+"""Well-spread frames whose keypoints tell the lengths, and those of them whose outlines tell the girths where no
+detector has left silhouettes: with these it is all of them."""
 
 Say = Callable[[str], None]
 Report = Callable[[str, int, int], None]
@@ -58,8 +59,8 @@ def character_of(
     """Open the character in the file `actor`, or else the capture's, or make one to the person's measure.
 
     A bare mesh is rigged. Where there is no actor, the built-in body is fitted to the keypoints of up to `MOST_FRAMES`
-    well-spread frames and to the person's outline in `MOST_MASKED` of them, `height` metres tall where that is known.
-    With one camera it is the built-in body of that height.
+    well-spread frames and to the person's outlines there (without a detector's silhouettes in `MOST_MASKED` of them),
+    `height` metres tall where that is known. With one camera it is the built-in body of that height.
 
     `say` is told of what was assumed. Raises `InputError` where an actor and a height are given, for a height that no
     person has, and where nothing tells how tall the person is.
@@ -155,12 +156,17 @@ def _fitted(
     cameras, tell = capture.cameras, progress or (lambda stage, done, total: None)
     steps = lambda stage, done, total: tell(f"body: {stage}", done, total)  # noqa: E731
     rough = fit_character(capture, cameras, generic, frames, height=height, progress=steps)
-    selected = [frame for frame in capture.selected_frames or frames if frame in frames]
-    outlined = [selected[i] for i in sorted({round(x) for x in np.linspace(0, len(selected) - 1, MOST_MASKED)})]
+    views = range(capture.num_cameras)
+    outlined = [frame for frame in frames if any(capture.silhouette(camera, frame) is not None for camera in views)]
+    settings, start = SegmentationSettings(rounds=0), rough.poses  # silhouettes do better than a body fitted once more
+    if not outlined:
+        selected = [frame for frame in capture.selected_frames or frames if frame in frames]
+        outlined = [selected[i] for i in sorted({round(x) for x in np.linspace(0, len(selected) - 1, MOST_MASKED)})]
+        settings, start = SegmentationSettings(), None
     found: PersonMasks = {}
     for number, frame in enumerate(outlined):
         steps("outlines", number, len(outlined))
-        found |= segment_person(capture, cameras, rough.character, (frame,), key=key)
+        found |= segment_person(capture, cameras, rough.character, (frame,), key=key, start=start, settings=settings)
     steps("outlines", len(outlined), len(outlined))
     sure = {frame: [one.mask if _sure(one) else None for one in row] for frame, row in found.items()}
     fit = fit_character(

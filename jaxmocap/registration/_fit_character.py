@@ -33,6 +33,11 @@ FEWEST_FRAMES, FEWEST_POINTS = 3, 3
 _POINTS = BODY_25 | FACE
 
 
+def _levenberg_marquardt(steps: int) -> LeastSquares:
+    """Make the solver; the walls of its box are low, for where an angle stands at its limit higher ones stop it."""
+    return LeastSquares(smoothing=(1e-2,), max_steps=steps, bound_weight=jnp.asarray(10.0))
+
+
 @dataclass(frozen=True)
 class CharacterFitSettings:
     """How a character is fitted to keypoints and masks of several frames. Not in the paper.
@@ -40,6 +45,7 @@ class CharacterFitSettings:
     Attributes:
         prior: keeps the body human.
         keypoint_scale: metres off a keypoint's ray that count as one standard deviation.
+        keypoint_scale_beside_masks: the same once masks count, whose outlines are more exact than a detector's points.
         robust: metres beyond which a keypoint fades (Geman and McClure), one solve after the other.
         mask_rounds: times that contours are tied to the masks anew.
         refiner: solves for shape and poses together.
@@ -49,10 +55,11 @@ class CharacterFitSettings:
 
     prior: ShapePrior = field(default_factory=ShapePrior)
     keypoint_scale: float = 0.01
+    keypoint_scale_beside_masks: float = 0.03
     robust: tuple[float, ...] = (0.15, 0.05, 0.03)
     mask_rounds: int = 5
-    refiner: AbstractRefiner = field(default_factory=lambda: LeastSquares(smoothing=(1e-2,), max_steps=40))
-    mask_refiner: AbstractRefiner = field(default_factory=lambda: LeastSquares(smoothing=(1e-2,), max_steps=20))
+    refiner: AbstractRefiner = field(default_factory=lambda: _levenberg_marquardt(40))
+    mask_refiner: AbstractRefiner = field(default_factory=lambda: _levenberg_marquardt(20))
     pose_refiner: AbstractRefiner = field(default_factory=Shooting)
 
 
@@ -155,6 +162,8 @@ def fit_character(
         fitted, poses = _found(problem, vector)
         posed = dict(zip(shown(chosen), shown(poses), strict=True))
         views = mask_problems(capture, cameras, character, posed, shown(masks))
+        beside = jnp.full(len(chosen), settings.keypoint_scale_beside_masks)
+        problem = eqx.tree_at(lambda p: p.seen.rays.scale, problem, beside)
         for number in range(settings.mask_rounds):
             tell("shape", len(settings.robust) + number, stages)
             contours = outlines(fitted, shown(poses), views, number)

@@ -1,7 +1,7 @@
 """Masks of the person at selected frames that have none, found in turns with the registration (sec. 3.2, where the
 paper draws them by hand)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import jax
@@ -70,13 +70,15 @@ def segment_person(
     *,
     key: PRNGKeyArray | None = None,
     overrides: Overrides | None = None,
+    start: Mapping[int, Pose] | None = None,
     settings: SegmentationSettings | None = None,
     registration: RegistrationSettings | None = None,
 ) -> PersonMasks:
     """Find masks of the person at the selected frames, or at `frames`; the capture's own are kept where it has them.
 
     The body is registered from the keypoints; it and they say roughly where the person is; GrabCut by local colours
-    finds the outline (`cut_person`); the body is fitted to it; and so on. A body that is not the person's own will do.
+    finds the outline (`cut_person`), with a detector's silhouettes where there are any; the body is fitted to it; and
+    so on. A body that is not the person's own will do. `start` are poses to begin with, by frame.
     `capture.with_masks(masks_of(found))` uses them from then on. Raises `InputError` where registration does.
     """
     settings = SegmentationSettings() if settings is None else settings
@@ -101,7 +103,7 @@ def segment_person(
             return found[frame].pose
 
         cutter = _Cutter(capture, cameras, character, frame, given, settings)
-        pose = fitted(given, None, begin)
+        pose = start[frame] if start and frame in start else fitted(given, None, begin)
         masks = cutter.cut(pose)
         for _ in range(settings.rounds):
             pose = fitted(masks, pose, refit)
@@ -150,7 +152,11 @@ class _Cutter:
     def cut(self, pose: Pose) -> list[np.ndarray]:
         masks = []
         for camera, (given, silhouette) in enumerate(zip(self._given, self._silhouettes(pose), strict=True)):
-            masks.append(cut_person(*self._view(camera, silhouette), self._settings.cut) if given is None else given)
+            if given is not None:
+                masks.append(given)
+                continue
+            seen = self._capture.silhouette(camera, self._frame)
+            masks.append(cut_person(*self._view(camera, silhouette), self._settings.cut, seen=seen))
         return masks
 
     def judged(self, pose: Pose, masks: list[np.ndarray]) -> tuple[PersonMask, ...]:
@@ -159,7 +165,8 @@ class _Cutter:
             mask, sure = masks[camera], None
             if self._given[camera] is None:
                 image, prior, still = self._view(camera, silhouette)
-                sure = mask_confidence(image, mask, silhouette, prior, still, self._settings.cut)
+                seen = self._capture.silhouette(camera, self._frame)
+                sure = mask_confidence(image, mask, silhouette, prior, still, self._settings.cut, seen=seen)
             judged.append(PersonMask(mask, sure))
         return tuple(judged)
 

@@ -73,8 +73,11 @@ def find_marks(pictures: np.ndarray) -> list[np.ndarray]:
 
 
 def read_marks(pictures: np.ndarray) -> list[np.ndarray]:
-    """The landmark network: the figure of the spots nearest to the middle."""
+    """The landmark network: the figure of the spots nearest to the middle, and a disc about the hips, half as wide as
+    the head is high, for the silhouette."""
     count = len(pictures)
+    evidence = np.full((count, 256, 256, 1), -9, np.float32)
+    places = np.mgrid[:256, :256][::-1].transpose(1, 2, 0) + 0.5
     values, presence = np.zeros((count, 39, 5), np.float32), np.zeros((count, 1), np.float32)
     for number, picture in enumerate(pictures):
         red, green = (spots(picture, channel) for channel in (0, 1))
@@ -85,9 +88,10 @@ def read_marks(pictures: np.ndarray) -> list[np.ndarray]:
         values[number, :, 3:] = 3.0
         values[number, :33, :2] = answer(hips, head)
         values[number, 33:35, :2] = hips, head
+        evidence[number, ..., 0] = np.linalg.norm(head - hips) / 2 - np.linalg.norm(places - hips, axis=-1)
         presence[number] = 0.99
     nothing = np.full((count, 64, 64, 39), -9, np.float32)
-    return [values.reshape(count, 195), presence, np.zeros((count, 256, 256, 1)), nothing, np.zeros((count, 117))]
+    return [values.reshape(count, 195), presence, evidence, nothing, np.zeros((count, 117))]
 
 
 MODEL = BlazePose(find_marks, read_marks)

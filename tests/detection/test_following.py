@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from marked_person import MODEL, answer, draw
+from marked_person import MODEL, SIZE, answer, draw
 
 from jaxmocap.detection import Region, Sighting, follow_person
 from jaxmocap.detection._region import brightened
@@ -190,3 +190,19 @@ def test_dark_pictures_are_brightened_and_bright_ones_left_alone():
     half = np.zeros((40, 80, 3), np.uint8)
     half[:, :40] = bright
     assert brightened(half) is half
+
+
+def test_silhouettes_are_told_with_the_number_of_their_picture_and_lie_where_the_person_is():
+    """The person turns, and the square with them: the disc about the hips is found to a pixel at its outline."""
+    hips, head = walk(6)
+    told: dict[int, np.ndarray] = {}
+    pictures = [draw(place) for place in zip(hips, head, strict=True)]
+    found = follow_person(pictures, MODEL, frames=range(40, 46), silhouette=told.__setitem__)
+    assert sorted(told) == found.frames.tolist()
+    rows, columns = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
+    for number, place in enumerate(hips):
+        distance = np.hypot(columns - place[0], rows - place[1])
+        mask = told[40 + number]
+        assert mask.shape == distance.shape
+        assert mask[distance < 22.5 - 1.2].all()
+        assert not mask[distance > 22.5 + 1.2].any()

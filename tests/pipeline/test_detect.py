@@ -103,6 +103,9 @@ def test_keypoints_are_written_where_everything_looks_for_them(marked, followed)
             np.testing.assert_allclose(found.people[name].points[frame, :, :2], expected, atol=1.0)
             points = capture.keypoints(camera, frame)
             np.testing.assert_allclose(points[5, :2], expected[11], atol=1.0)  # the left shoulder
+            seen = capture.silhouette(camera, frame)
+            assert seen is not None
+            assert np.abs(np.argwhere(seen).mean(0)[::-1] + 0.5 - place(name, frame)[0]).max() < 1  # a disc at the hips
     assert not [finding for finding in check(marked) if finding.message.startswith("keypoints")]
     assert found.record["cameras"]["left"]["found"] == COUNT
     detect(marked)
