@@ -1,5 +1,6 @@
 """The keypoint files that `detect` keeps in a capture, and its record of how they were made."""
 
+import glob
 import json
 import os
 from collections.abc import Sequence
@@ -61,6 +62,7 @@ class KeypointStore:
             found = read_person(self._path(name)).joined(found)
         self.folder.mkdir(exist_ok=True)
         write_person(self._path(name), found)
+        self._drop_silhouettes(name, found)
         self.record["cameras"][name] = {**inputs, "model": model, "notes": list(found.notes)}
         self._write_record()
 
@@ -69,6 +71,13 @@ class KeypointStore:
         folder = self.folder / SILHOUETTES
         folder.mkdir(parents=True, exist_ok=True)
         write_bytes(mask_file(folder, name, frame), cv2.imencode(".png", 255 * mask.astype(np.uint8))[1].tobytes())
+
+    def _drop_silhouettes(self, name: str, found: FollowedPerson) -> None:
+        """Delete those of pictures in which this person was not found: they are of another, who was followed before."""
+        shown = {mask_file(self.folder / SILHOUETTES, name, int(frame)) for frame in found.frames[found.found]}
+        for file in (self.folder / SILHOUETTES).glob(f"{glob.escape(name)}_[0-9]*.png"):
+            if file not in shown:
+                file.unlink()
 
     def _known(self, name: str, inputs: dict[str, Any]) -> dict[str, Any] | None:
         """Return what the record says of a camera, if it was looked for the same person in the same video."""

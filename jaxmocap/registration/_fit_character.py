@@ -103,9 +103,9 @@ def fit_character(
     keypoints in two views; girths are learnt from masks where there are any and else follow the lengths. All
     unknowns, `BodyShape`, detector offsets and one pose per frame, are solved together by Levenberg-Marquardt
     (optimistix) with the priors of `ShapePrior`; keypoints weigh by confidence. `height` is how tall the person is, in
-    metres, where that is known: the generic character is scaled to it, and the fitted one keeps it. `start` are poses
-    to begin with, by frame, such as those of an earlier fit; others are found. Raises `InputError` when fewer than
-    three frames can be used, for the proportions would be guesses, and where `register` does.
+    metres, where that is known: the generic character is scaled to it, and the fitted one keeps it to a per cent.
+    `start` are poses to begin with, by frame, such as those of an earlier fit; others are found. Raises `InputError`
+    when fewer than three frames can be used, for the proportions would be guesses, and where `register` does.
     """
     settings = CharacterFitSettings() if settings is None else settings
     tell = progress or (lambda stage, done, total: None)

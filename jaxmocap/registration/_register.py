@@ -102,9 +102,11 @@ def register_frame(
     edges = [mask_edges(m) if m is not None else None for m in cropped]
     problem = build_problem(images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface)
     masked = any(e is not None for e in edges)
-    if masked:  # a view without one has no outline then, for those of its picture are not only the person's
-        nothing = mask_edges(np.zeros(problem.size, bool))
-        known = [nothing if e is None else e for e in edges]
+    if masked:
+        known = [
+            e if e is not None else (np.asarray(problem.edges.mask[c]), np.asarray(problem.edges.gradient[c]))
+            for c, e in enumerate(edges)
+        ]
         problem = build_problem(
             images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface, edges=known
         )

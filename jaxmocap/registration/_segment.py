@@ -135,15 +135,17 @@ class _Cutter:
         self._given, self._settings = given, settings
         self._still: dict[int, np.ndarray] = {}
 
-    def _view(self, camera: int, silhouette: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Image, prior, and what stands still, which is worked out once."""
+    def _view(
+        self, camera: int, silhouette: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return image, prior, what stands still, which is worked out once, and where a detector sees the person."""
         image = self._capture.image(camera, self._frame)
         prior = person_prior(silhouette, self._capture.keypoints(camera, self._frame), self._settings.cut)
         if camera not in self._still:
             times = np.linspace(0, self._capture.num_frames - 1, self._settings.others + 1).round().astype(int)
             others = [self._capture.image(camera, int(t)) for t in np.unique(times) if t != self._frame]
             self._still[camera] = standing_still(image, prior, others)
-        return image, prior, self._still[camera]
+        return image, prior, self._still[camera], self._capture.silhouette(camera, self._frame)
 
     def _silhouettes(self, pose: Pose) -> list[np.ndarray]:
         vertices = skin(self._character, pose)
@@ -155,8 +157,8 @@ class _Cutter:
             if given is not None:
                 masks.append(given)
                 continue
-            seen = self._capture.silhouette(camera, self._frame)
-            masks.append(cut_person(*self._view(camera, silhouette), self._settings.cut, seen=seen))
+            image, prior, still, seen = self._view(camera, silhouette)
+            masks.append(cut_person(image, prior, still, self._settings.cut, seen=seen))
         return masks
 
     def judged(self, pose: Pose, masks: list[np.ndarray]) -> tuple[PersonMask, ...]:
@@ -164,8 +166,7 @@ class _Cutter:
         for camera, silhouette in enumerate(self._silhouettes(pose)):
             mask, sure = masks[camera], None
             if self._given[camera] is None:
-                image, prior, still = self._view(camera, silhouette)
-                seen = self._capture.silhouette(camera, self._frame)
+                image, prior, still, seen = self._view(camera, silhouette)
                 sure = mask_confidence(image, mask, silhouette, prior, still, self._settings.cut, seen=seen)
             judged.append(PersonMask(mask, sure))
         return tuple(judged)

@@ -52,6 +52,24 @@ def test_a_body_too_thick_or_too_thin_is_corrected(world, silhouettes):
             )
 
 
+def test_a_head_that_the_body_lacks_is_found_where_a_detector_has_seen_it(world, silhouettes):
+    """As hair and caps are; a detector that has seen somebody else is not believed. Of the upper tenth 97 and 99 % were
+    lacking without the detector and 51 and 45 % with it."""
+    for camera, silhouette in enumerate(silhouettes):
+        image, truth = world.truth.images[0, camera], world.truth.masks[0, camera]
+        rows = np.flatnonzero(silhouette.any(1))
+        head = np.zeros_like(silhouette)
+        head[rows[0] : rows[0] + len(rows) // 10] = True
+        beheaded = silhouette & ~head
+
+        def lacking(mask, wanted=truth & head):
+            return (wanted & ~mask).sum() / wanted.sum()
+
+        alone, told = cut_person(image, beheaded), cut_person(image, beheaded, seen=truth)
+        assert lacking(told) < 0.6 * lacking(alone), (camera, lacking(alone), lacking(told))
+        np.testing.assert_array_equal(cut_person(image, beheaded, seen=moved(truth, (0, 60))), alone)
+
+
 def test_confidence_is_low_where_the_picture_does_not_show_the_person(world, silhouettes):
     noise = np.random.default_rng(0).integers(0, 256, world.truth.images[0, 0].shape, dtype=np.uint8)
     for camera, silhouette in enumerate(silhouettes):
