@@ -44,7 +44,11 @@ from jaxmocap.registration import read_pose_file as read_pose_file
 from jaxmocap.registration import masks_of as masks_of
 from jaxmocap.registration import register as register
 from jaxmocap.registration import segment_person as segment_person
-from .calibration import RefinedCameras as RefinedCameras, refine_cameras as refine_cameras
+from .calibration import (
+    RefinedCameras as RefinedCameras,
+    refine_cameras as refine_cameras,
+    scale_cameras as scale_cameras,
+)
 from .metrics import evaluate as evaluate
 from .datasets import import_dataset as import_dataset
 from .exporters import export as export

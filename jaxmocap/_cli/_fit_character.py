@@ -29,18 +29,38 @@ def fit_character(
         ),
     ] = (),
     height: Height = None,
+    scale_cameras: Annotated[
+        bool,
+        tyro.conf.arg(
+            help="Take --height to be better known than the cameras' scale: scale the cameras to it, in a new folder "
+            "that capture.toml names then, and the character with them.",
+        ),
+    ] = False,
     json: Json = False,
 ) -> int:
     """Fit bone lengths and girths of a generic actor to the person filmed, for use as `--actor` or in capture.toml."""
+    import numpy as np
+
+    from jaxmocap import calibration
     from jaxmocap._files import atomic_path
+    from jaxmocap._results import InputError
     from jaxmocap.capture import Capture
+    from jaxmocap.character import BodyShape, scaled, stature
     from jaxmocap.registration import fit_character
 
     refuse_unusable(out)
+    if scale_cameras and height is None:
+        raise InputError("--scale-cameras scales the cameras to the person's height; say it with --height METRES")
     opened = Capture.open(capture)
-    generic = _generic(opened, actor, height)
+    generic, held = _generic(opened, actor, height), height
+    if scale_cameras and height is not None:
+        generic, held = scaled(generic, BodyShape.of(float(np.log(height / stature(generic))))), None
     with progress() as report:
-        fit = fit_character(opened, opened.cameras, generic, at or None, height=height, progress=report)
+        fit = fit_character(opened, opened.cameras, generic, at or None, height=held, progress=report)
+        if scale_cameras and height is not None:
+            fit = fit.scaled_to(height)
+            cameras = calibration.scale_cameras(capture, fit.camera_scale, progress=report)
+            say(f"The cameras' positions were multiplied by {fit.camera_scale:.3f}, in {cameras}.")
     out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(out) as temporary:
         fit.character.save_glb(temporary)

@@ -12,6 +12,7 @@ from ._in_place import (
     adopt_cameras as adopt_cameras,
     calibrate_in_place as calibrate_in_place,
     refine_cameras as refine_cameras,
+    scale_cameras as scale_cameras,
 )
 from ._pictures import PlacedPictures as PlacedPictures, calibrate_pictures as calibrate_pictures
 from ._refine import RefinedCameras as RefinedCameras

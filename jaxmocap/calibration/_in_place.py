@@ -20,8 +20,10 @@ from ._calibrate import Calibration, calibrate
 from ._child import run_worker
 from ._footage import Report
 from ._refine import RefinedCameras, refine
+from ._report import draw_cameras, png_bytes, rescaled
 
 REPORT = "refinement.json"
+_REPORTS = ("calibration.json", "uncertainty.json")
 
 
 def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: Any) -> Calibration:
@@ -134,6 +136,43 @@ def refine_cameras(
         return _write(opened, file, found, progress)
     except OSError as error:
         raise InputError(f"{file.parent} cannot be written to: {error.strerror}; nothing was changed") from error
+
+
+def scale_cameras(path: str | Path, factor: float, *, progress: Report = lambda stage, done, total: None) -> Path:
+    """Multiply all positions of a calibration by `factor`, as `CharacterFit.camera_scale` says it.
+
+    `path` is a capture folder or its `capture.toml`. The scaled model becomes a new folder in it, which `cameras` names
+    then, with the reports of `calibrate` where there are any, their lengths scaled alike; the old cameras stay on disk.
+    Returns the new folder. Raises `InputError`, with nothing changed, where the cameras are not a COLMAP model as
+    `calibrate` writes it, or the folder cannot be written to.
+    """
+    file = refuse_named_cameras(path, replace=True)
+    capture = Capture.open(file)
+    source = capture.cameras_path
+    if source is None or not (source / "cameras.bin").is_file():
+        raise InputError(
+            f"{file}: the cameras {source} are not a model that calibrate wrote, whose scale can be changed; leave it "
+            f"as it is, or run jaxmocap calibrate {file.parent} --replace first"
+        )
+    folder = free_name(file.parent, "cameras")
+    try:
+        with tempfile.TemporaryDirectory(prefix="jaxmocap-") as temporary, atomic_folder(folder) as partial:
+            work = Path(temporary)
+            shutil.copytree(source, work / "model")
+            similarity = {"scale": factor, "rotation": np.eye(3), "translation": np.zeros(3)}
+            write_json(work / "similarity.json", similarity)
+            run_worker("transform", work, progress)
+            shutil.copytree(work / "cameras", partial, dirs_exist_ok=True)
+            if all((source / name).is_file() for name in _REPORTS):
+                record, table = (json.loads((source / name).read_text(encoding="utf-8")) for name in _REPORTS)
+                for name, report in zip(_REPORTS, rescaled(record, table, factor), strict=True):
+                    write_json(partial / name, report)
+        name_cameras(file, folder.name)
+        with atomic_path(folder / "calibration.png") as picture:
+            picture.write_bytes(png_bytes(draw_cameras(Capture.open(file))))
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written: {error.strerror}") from error
+    return folder
 
 
 def _write(capture: Capture, file: Path, found: RefinedCameras, progress: Report) -> RefinedCameras:

@@ -15,6 +15,8 @@ from ._child import Solved
 from ._scale import Scale
 from ._world import Gravity
 
+OUTLINE_DEVIATION = 0.02
+"""Of the scale that a known height and the person's outlines tell, relative: hair, caps, shoes and posture."""
 _SIZE = 700  # of a panel of the picture, pixels
 _COLOURS = ((230, 60, 40), (40, 110, 230), (30, 160, 60), (200, 120, 0), (140, 60, 200))
 
@@ -131,6 +133,31 @@ def pose_table(capture: Capture, solved: Solved, world: Similarity) -> dict[str,
             ],
         }
     return result
+
+
+def rescaled(record: dict[str, Any], table: dict[str, Any], factor: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Multiply the lengths of `calibration.json` and `uncertainty.json`; height and outlines tell their scale now."""
+    person = record["person"]
+    across, depth = factor * person["across_m_per_pixel"], factor * person["depth_m_per_pixel"]
+    cameras = {
+        name: one | {"centre_deviation_m": round(factor * one["centre_deviation_m"], 5)}
+        for name, one in record["cameras"].items()
+    }
+    record = record | {
+        "cameras": cameras,
+        "scale": record["scale"] | {"from": "height and outlines", "relative_deviation": OUTLINE_DEVIATION},
+        "person": person
+        | {
+            "across_m_per_pixel": round(across, 5),
+            "depth_m_per_pixel": round(depth, 5),
+            "sentence": describe_views(ViewGeometry(person["angle_degrees"], across, depth)),
+        },
+    }
+    deviations = {
+        name: table[name] | {"centre_deviation": [round(factor * v, 6) for v in table[name]["centre_deviation"]]}
+        for name in cameras
+    }
+    return record, table | deviations
 
 
 def draw_paths(

@@ -12,7 +12,7 @@ from jaxmocap._cache import cached_stage, code_hash, machine
 from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
 from jaxmocap.capture import Capture, Finding, choose_frames, content_hash
-from jaxmocap.character import Character, stature
+from jaxmocap.character import Character
 from jaxmocap.registration import (
     FEWEST_FRAMES,
     PersonMask,
@@ -39,11 +39,13 @@ class MadeBody(NamedTuple):
         character: the body.
         record: what it was made of, as a result's report holds it; None for an actor that was given.
         sentence: the same in words.
+        camera_scale: by which the cameras' positions are to be multiplied for the body to belong to them.
     """
 
     character: Character
     record: dict | None = None
     sentence: str = ""
+    camera_scale: float = 1.0
 
 
 def character_of(
@@ -51,6 +53,7 @@ def character_of(
     actor: str | Path | None = None,
     height: float | None = None,
     *,
+    scale_cameras: bool = False,
     key: PRNGKeyArray | None = None,
     say: Say | None = None,
     progress: Report | None = None,
@@ -60,7 +63,9 @@ def character_of(
 
     A bare mesh is rigged. Where there is no actor, the built-in body is fitted to the keypoints of up to `MOST_FRAMES`
     well-spread frames and to the person's outlines there (without a detector's silhouettes in `MOST_MASKED` of them),
-    `height` metres tall where that is known. With one camera it is the built-in body of that height.
+    `height` metres tall where that is known. With one camera it is the built-in body of that height. `scale_cameras`
+    says that the height is known better than the cameras' scale: where there are outlines the body is as tall as they
+    show it, then it and the cameras are scaled to the height (`MadeBody.camera_scale`).
 
     `say` is told of what was assumed. Raises `InputError` where an actor and a height are given, for a height that no
     person has, and where nothing tells how tall the person is.
@@ -83,11 +88,13 @@ def character_of(
         tell(f"The built-in body, {height:.2f} m tall, stands for the person: {why}.")
         return MadeBody(generic, {"height_m": round(height, 4), "frames": [], "masks": 0}, "")
     key = jax.random.key(0) if key is None else key
-    make = lambda: _fitted(capture, generic, frames, height, key, progress)  # noqa: E731
+    scale_cameras = scale_cameras and height is not None
+    make = lambda: _fitted(capture, generic, frames, height, scale_cameras, key, progress)  # noqa: E731
     inputs = {
         "capture": content_hash(capture),
         "frames": list(frames),
         "height": height,
+        "choice of scaling cameras": scale_cameras,
         "key": jax.random.key_data(key).tolist(),
         "version of jaxmocap": code_hash(),
         "set of packages": versions(),
@@ -149,13 +156,15 @@ def _fitted(
     generic: Character,
     frames: tuple[int, ...],
     height: float | None,
+    scale_cameras: bool,
     key: PRNGKeyArray,
     progress: Report | None,
 ) -> MadeBody:
     """Lengths from keypoints, then outlines found with that body, then lengths and girths from both."""
     cameras, tell = capture.cameras, progress or (lambda stage, done, total: None)
     steps = lambda stage, done, total: tell(f"body: {stage}", done, total)  # noqa: E731
-    rough = fit_character(capture, cameras, generic, frames, height=height, progress=steps)
+    held = None if scale_cameras else height
+    rough = fit_character(capture, cameras, generic, frames, height=held, progress=steps)
     views = range(capture.num_cameras)
     outlined = [frame for frame in frames if any(capture.silhouette(camera, frame) is not None for camera in views)]
     settings, start = SegmentationSettings(rounds=0), rough.poses  # silhouettes do better than a body fitted once more
@@ -169,10 +178,14 @@ def _fitted(
         found |= segment_person(capture, cameras, rough.character, (frame,), key=key, start=start, settings=settings)
     steps("outlines", len(outlined), len(outlined))
     sure = {frame: [one.mask if _sure(one) else None for one in row] for frame, row in found.items()}
+    scale_cameras = scale_cameras and any(mask is not None for row in sure.values() for mask in row)
+    held = None if scale_cameras else height
     fit = fit_character(
-        capture.with_masks(sure), cameras, generic, frames, height=height, start=rough.poses, progress=steps
+        capture.with_masks(sure), cameras, generic, frames, height=held, start=rough.poses, progress=steps
     )
-    tall = round(float(stature(fit.character)), 4)
+    if scale_cameras and height is not None:
+        fit = fit.scaled_to(height)
+    tall = round(fit.height, 4)
     own = [int(capture.video_frames[0, frame]) for frame in frames]
     record = {
         "height_m": tall,
@@ -185,7 +198,7 @@ def _fitted(
         f"tall{'' if height is None else f' ({height:.2f} m was given)'}, keypoints off by "
         f"{100 * fit.keypoint_error:.1f} cm in the median."
     )
-    return MadeBody(fit.character, record, sentence)
+    return MadeBody(fit.character, record, sentence, fit.camera_scale)
 
 
 def _sure(person: PersonMask) -> bool:

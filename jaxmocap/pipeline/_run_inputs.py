@@ -95,15 +95,22 @@ class RunInputs:
         told = [options.height, options.camera_distance, sorted(options.focal.items()), options.static, options.seed]
         return [self.videos, self.offsets(), self.hash_of("keypoints"), size, told, self.lost_in_span()]
 
-    def lost_in_span(self) -> bool:
-        """Say whether the cameras that there are have a gap in the frames that are wanted, as those of others may."""
+    def calibration(self) -> dict[str, Any] | None:
+        """Read what `calibrate` wrote about the cameras that there are; None without."""
         named = self.config().cameras
         report = None if named is None else self.folder / named / "calibration.json"
         if report is None or not report.is_file():
+            return None
+        return json.loads(report.read_text(encoding="utf-8"))
+
+    def lost_in_span(self) -> bool:
+        """Say whether the cameras that there are have a gap in the frames that are wanted, as those of others may."""
+        found = self.calibration()
+        if found is None:
             return False
         lost = {
             (number, frame)
-            for number, camera in enumerate(json.loads(report.read_text(encoding="utf-8"))["cameras"].values())
+            for number, camera in enumerate(found["cameras"].values())
             for frame in camera["interpolated"]
         }
         try:

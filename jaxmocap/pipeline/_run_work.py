@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxmocap._files import atomic_folder, atomic_path, free_name, write_text
 from jaxmocap._results import InputError
-from jaxmocap.calibration import usual_focal
+from jaxmocap.calibration import scale_cameras, usual_focal
 from jaxmocap.camera import Cameras, write_cameras
 from jaxmocap.capture import Capture, config_path, new_capture_text, video_names, with_lines, with_offsets
 from jaxmocap.motion import Motion
@@ -189,8 +189,17 @@ class RunWork(RunInputs):
         else:
             key = jax.random.key(options.seed)
             capture = replace(self._open(), actor=None)
-            made = character_of(capture, height=options.height, key=key, say=self.say, progress=self.progress)
+            made = character_of(
+                capture,
+                height=options.height,
+                scale_cameras=self._scale_from_height(),
+                key=key,
+                say=self.say,
+                progress=self.progress,
+            )
             character = made.character
+            if made.camera_scale != 1:
+                self._scale_cameras(made.camera_scale)
         file = free_name(self.folder, "actor", ".glb")
         with atomic_path(file) as partial:
             if options.actor is not None and options.actor.suffix.lower() == ".glb":
@@ -199,6 +208,19 @@ class RunWork(RunInputs):
                 character.save_glb(partial)
         self._set(actor=file.name)
         return file.name
+
+    def _scale_from_height(self) -> bool:
+        """Tell whether the person's height is all that tells the scale of the cameras, which are of this run."""
+        found = self.calibration()
+        if found is None or self.options.height is None:
+            return False
+        return found["scale"]["from"] in ("height", "height and outlines")
+
+    def _scale_cameras(self, factor: float) -> None:
+        """Make the cameras' world as large as the person's outlines and height say."""
+        folder = scale_cameras(self.folder, factor, progress=self.progress)
+        self.record.set("calibrate", self.of_calibrate(), folder.name)
+        self.say(f"The outlines and the height tell the scale: the cameras' positions were multiplied by {factor:.3f}.")
 
     def select(self) -> Any:
         """Choose the selected frames."""

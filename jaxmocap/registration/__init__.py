@@ -1,9 +1,8 @@
 """Registration at the selected frames (sec. 3.2): poses, masks, and a character made to measure."""
 
+from ._character_fit import CharacterFit as CharacterFit, CharacterFitSettings as CharacterFitSettings
 from ._fit_character import (
     FEWEST_FRAMES as FEWEST_FRAMES,
-    CharacterFit as CharacterFit,
-    CharacterFitSettings as CharacterFitSettings,
     fit_character as fit_character,
     usable_frames as usable_frames,
 )
@@ -12,6 +11,7 @@ from ._fit_silhouette import (
     fit_to_masks as fit_to_masks,
     intersection_over_union as intersection_over_union,
 )
+from ._fit_surface import SurfaceFit as SurfaceFit, SurfaceSettings as SurfaceSettings, fit_surface as fit_surface
 from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, triangulated as triangulated
 from ._pose_file import Overrides as Overrides, apply_overrides as apply_overrides, read_pose_file as read_pose_file
 from ._register import Registration as Registration, register as register, register_frame as register_frame

@@ -1,7 +1,7 @@
 """A generic character made to the measure of the filmed person, from keypoints and masks of a few frames."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -15,13 +15,13 @@ from jaxmocap.capture import Capture, check_subject
 from jaxmocap.character import BodyShape, Character, Pose, clamp, scaled, stature
 from jaxmocap.energies import LandmarkRays, keypoint_rays
 from jaxmocap.observation import BODY_25, FACE, stacked_keypoints
-from jaxmocap.refiners import AbstractRefiner, LeastSquares, Shooting
 
+from ._character_fit import CharacterFit, CharacterFitSettings
+from ._fit_surface import fit_surface
 from ._inverse_kinematics import inverse_kinematics, triangulated
 from ._shape_problem import (
     OFFSETS,
     FramesSeen,
-    ShapePrior,
     ShapeProblem,
     detector_points,
     mask_problems,
@@ -31,59 +31,6 @@ from ._shape_problem import (
 
 FEWEST_FRAMES, FEWEST_POINTS = 3, 3
 _POINTS = BODY_25 | FACE
-
-
-def _levenberg_marquardt(steps: int) -> LeastSquares:
-    """Make the solver; the walls of its box are low, for where an angle stands at its limit higher ones stop it."""
-    return LeastSquares(smoothing=(1e-2,), max_steps=steps, bound_weight=jnp.asarray(10.0))
-
-
-@dataclass(frozen=True)
-class CharacterFitSettings:
-    """How a character is fitted to keypoints and masks of several frames. Not in the paper.
-
-    Attributes:
-        prior: keeps the body human.
-        keypoint_scale: metres off a keypoint's ray that count as one standard deviation.
-        keypoint_scale_beside_masks: the same once masks count, whose outlines are more exact than a detector's points.
-        robust: metres beyond which a keypoint fades (Geman and McClure), one solve after the other.
-        mask_rounds: times that contours are tied to the masks anew.
-        refiner: solves for shape and poses together.
-        mask_refiner: the same after every tie to the masks, which moves the body a little.
-        pose_refiner: solves for the poses alone.
-    """
-
-    prior: ShapePrior = field(default_factory=ShapePrior)
-    keypoint_scale: float = 0.01
-    keypoint_scale_beside_masks: float = 0.03
-    robust: tuple[float, ...] = (0.15, 0.05, 0.03)
-    mask_rounds: int = 5
-    refiner: AbstractRefiner = field(default_factory=lambda: _levenberg_marquardt(40))
-    mask_refiner: AbstractRefiner = field(default_factory=lambda: _levenberg_marquardt(20))
-    pose_refiner: AbstractRefiner = field(default_factory=Shooting)
-
-
-@dataclass(frozen=True)
-class CharacterFit:
-    """A character made to measure.
-
-    Attributes:
-        character: the fitted one.
-        shape: what makes it of the generic one.
-        poses: in which it was fitted, by frame.
-        offsets: where a detector sees a landmark of the left side, from the landmark, metres in the rest frame.
-        keypoint_error: median distance of points and keypoints' rays, metres.
-        generic_error: the same of the generic character in its own best poses.
-        num_masks: how many masks took part.
-    """
-
-    character: Character
-    shape: BodyShape
-    poses: dict[int, Pose]
-    offsets: dict[str, Float[np.ndarray, "3"]]
-    keypoint_error: float
-    generic_error: float
-    num_masks: int
 
 
 def fit_character(
@@ -102,8 +49,10 @@ def fit_character(
     Not in the paper, which scans its actors. `frames` are positions, by default the selected frames, and need BODY_25
     keypoints in two views; girths are learnt from masks where there are any and else follow the lengths. All
     unknowns, `BodyShape`, detector offsets and one pose per frame, are solved together by Levenberg-Marquardt
-    (optimistix) with the priors of `ShapePrior`; keypoints weigh by confidence. `height` is how tall the person is, in
-    metres, where that is known: the generic character is scaled to it, and the fitted one keeps it to a per cent.
+    (optimistix) with the priors of `ShapePrior`; keypoints weigh by confidence. Masks then shape the surface where
+    lengths and girths leave it off their outlines (`SurfaceSettings`). `height` is how tall the person is, in
+    metres, where that is known: the generic character is scaled to it, and the fitted one keeps it to a per cent
+    (`CharacterFit.height`).
     `start` are poses to begin with, by frame, such as those of an earlier fit; others are found. Raises `InputError`
     when fewer than three frames can be used, for the proportions would be guesses, and where `register` does.
     """
@@ -149,7 +98,8 @@ def fit_character(
     problem = ShapeProblem(character, FramesSeen(_stacked(base), _stacked(rays)), settings.prior, measured)
     masks = [[capture.mask(c, frame) for c in range(cameras.num_cameras)] for frame in chosen]
     num_masks = sum(mask is not None for row in masks for mask in row)
-    stages = len(settings.robust) + (settings.mask_rounds if num_masks else 0)
+    rounds = settings.mask_rounds + (settings.surface is not None) if num_masks else 0
+    stages = len(settings.robust) + rounds
     vector = problem.start()
     for number, robust in enumerate(settings.robust):
         tell("shape", number, stages)
@@ -170,18 +120,26 @@ def fit_character(
             problem = replace(problem, seen=FramesSeen(problem.seen.base, problem.seen.rays, contours, outlined))
             vector = solve(problem, vector, settings.mask_refiner)
             fitted, poses = _found(problem, vector)
-    tell("shape", stages, stages)
     fitted, poses = _found(problem, vector)
+    tall, surface = float(stature(fitted)), None
+    if num_masks and settings.surface is not None:
+        tell("shape", stages - 1, stages)
+        moved = fit_surface(fitted, dict(zip(shown(chosen), shown(poses), strict=True)), views, settings.surface)
+        fitted, surface = moved.character, moved.offsets
+        poses = [moved.poses.get(frame, pose) for frame, pose in zip(chosen, poses, strict=True)]
+    tell("shape", stages, stages)
     found = problem.unknowns(vector)
     shape = BodyShape(found.shape.height + grown, found.shape.lengths, found.shape.girths)
     return CharacterFit(
         character=fitted,
+        height=tall,
         shape=shape,
         poses=dict(zip(chosen, poses, strict=True)),
         offsets=dict(zip(OFFSETS, np.asarray(found.offsets), strict=True)),
         keypoint_error=_error(fitted, poses, rays, found.offsets),
         generic_error=_error(character, base, rays, jnp.zeros_like(found.offsets)),
         num_masks=num_masks,
+        surface=surface,
     )
 
 

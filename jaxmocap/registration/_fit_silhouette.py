@@ -63,7 +63,7 @@ def intersection_over_union(ids: np.ndarray, mask: Bool[np.ndarray, "height widt
     return float((drawn & mask).sum() / union) if union else float("nan")
 
 
-def _moved(
+def moved_by_rows(
     character: Character,
     pose: Pose,
     rows: tuple[Rows, ...],
@@ -81,7 +81,7 @@ def _moved(
     return retract(character.skeleton, pose, jnp.clip(stretch * delta, prior.lower, prior.upper))
 
 
-def _mask_contours(within: float, masked: bool = True) -> ContourSettings:
+def mask_contours(within: float, masked: bool = True) -> ContourSettings:
     """Say how contours look for the outline of a mask (or, not `masked`, for edges of the picture), no farther than so
     many pixels; one compiled program for all distances."""
     return ContourSettings(reach=30, capacity=2048, inside=masked, accept_cosine=0.5, accept_score=0.8, within=within)
@@ -102,11 +102,11 @@ def fit_to_masks(
     """
     weight = character.skeleton.per_dof(root=0.5, angles=3.0)
     for round_index in range(settings.rounds):
-        contours = _mask_contours(30 if round_index < 3 else 15, masked)
+        contours = mask_contours(30 if round_index < 3 else 15, masked)
         vertices, ids, inverse = draw(character, pose, problem)
         lines = contour_lines(vertices, character.faces, ids, inverse, problem, contours)
         rows = (Rows(lines, 0.02, 0.03 if round_index < 5 else 0.015),)
-        pose = _moved(character, pose, rows, landmarks, weight, settings, fixed)
+        pose = moved_by_rows(character, pose, rows, landmarks, weight, settings, fixed)
     return pose
 
 
@@ -151,9 +151,9 @@ def fit_between_views(
         views = same_time_sources(pictures, problem, vertices, host_ids)
         sources = [[views[n] for n in others] for others in near]
         flows = surface_flow(character, vertices, ids, crops, problem, sources, flow)
-        contours = contour_lines(vertices, character.faces, ids, inverse, problem, _mask_contours(12, masked))
+        contours = contour_lines(vertices, character.faces, ids, inverse, problem, mask_contours(12, masked))
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
-        pose = _moved(character, pose, rows, landmarks, weight, settings, fixed, STRETCH)
+        pose = moved_by_rows(character, pose, rows, landmarks, weight, settings, fixed, STRETCH)
     return pose
 
 

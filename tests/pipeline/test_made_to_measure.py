@@ -2,22 +2,24 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxmocap._cli import run
 from jaxmocap._results import InputError
-from jaxmocap.camera import project
+from jaxmocap.camera import project, write_cameras
 from jaxmocap.capture import KEYPOINT_NAMES, SILHOUETTES, Capture, mask_file
 from jaxmocap.character import BodyShape, bone_lengths, landmark_positions, scaled, stature
 from jaxmocap.pipeline import character_of, no_actor
 from jaxmocap.registration import fit_character
 from jaxmocap.rigging import body
-from jaxmocap.synthetic import make_capture, write_capture
+from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
 
 FRAMES = (0, 1, 2, 3)
 
@@ -100,14 +102,35 @@ def test_the_body_is_made_of_keypoints_and_outlines_and_kept(folder, filmed, tmp
     assert len(steps) == count  # taken from the cache
 
 
-@pytest.mark.slow
-def test_silhouettes_of_a_detector_give_outlines_of_all_frames_and_the_height_is_kept(folder, filmed, tmp_path):
-    capture = spoilt(folder, tmp_path)
+def with_silhouettes(capture: Capture, filmed: SyntheticCapture) -> Capture:
+    """Write true outlines as a detector's."""
     (capture.keypoints_folder / SILHOUETTES).mkdir()
     for frame in FRAMES:
         for camera, name in enumerate(capture.camera_names):
             file = mask_file(capture.keypoints_folder / SILHOUETTES, name, frame)
             cv2.imwrite(str(file), 255 * filmed.masks[frame, camera].astype(np.uint8))
+    return capture
+
+
+@pytest.mark.slow
+def test_a_height_tells_how_much_too_large_the_world_of_the_cameras_is(folder, filmed, tmp_path):
+    capture = with_silhouettes(spoilt(folder, tmp_path), filmed)
+    larger = capture.cameras.cam_from_world.at[..., :3, 3].multiply(1.06)
+    large = eqx.tree_at(lambda cameras: cameras.cam_from_world, capture.cameras, larger)
+    write_cameras(large, capture.folder / "large", "colmap", capture.video_frames)
+    tall = float(stature(filmed.character))
+    made = character_of(
+        replace(capture, cameras_path=capture.folder / "large"), height=tall, scale_cameras=True, cache=False
+    )
+    assert made.camera_scale == pytest.approx(1 / 1.06, rel=0.015)
+    assert float(stature(made.character)) == pytest.approx(tall, rel=1e-4)
+    found, truth = (bone_lengths(one.skeleton) for one in (made.character, filmed.character))
+    assert max(abs(float(found[name] / truth[name]) - 1) for name in ("thigh", "shank", "upper_arm")) < 0.06
+
+
+@pytest.mark.slow
+def test_silhouettes_of_a_detector_give_outlines_of_all_frames_and_the_height_is_kept(folder, filmed, tmp_path):
+    capture = with_silhouettes(spoilt(folder, tmp_path), filmed)
     tall = float(stature(filmed.character))
     made = character_of(capture, height=tall, cache=False)
     assert made.record["masks"] >= 7  # of eight; without silhouettes two frames are cut

@@ -4,6 +4,7 @@ The stages themselves have tests of their own; here stand-ins write what they wo
 """
 
 import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +20,7 @@ from jaxmocap.capture import Capture, PersonOffset, config_path, with_lines, wit
 from jaxmocap.character import Pose
 from jaxmocap.motion import Motion
 from jaxmocap.pipeline import RunResult, _run_options, _run_work, run
+from jaxmocap.pipeline._made_to_measure import MadeBody
 from jaxmocap.rigging import body
 
 STAGES = ["capture", "synchronise", "detect", "calibrate", "body", "selected frames", "track"]
@@ -70,12 +72,13 @@ def done(monkeypatch, motion) -> list[str]:
         (cameras / "height").write_text(str(options["height"]))
         (cameras / "static").write_text(str(options["static"]))
         lost = {"left": {"interpolated": []}, "right_hand": {"interpolated": list(range(6, 12))}}
-        (cameras / "calibration.json").write_text(json.dumps({"cameras": lost}))
+        scale = {"from": "height" if options["camera_distance"] is None else "camera distance"}
+        (cameras / "calibration.json").write_text(json.dumps({"cameras": lost, "scale": scale}))
         set_lines(folder, cameras=cameras.name)
 
     def character_of(capture, **options):
         names.append("body")
-        return SimpleNamespace(character=body(options["height"]))
+        return MadeBody(body(options["height"]))
 
     def scan(video, **options):
         names.append("scan")
@@ -154,6 +157,33 @@ def test_it_goes_on_from_the_first_stage_whose_inputs_changed(videos, done, tmp_
     assert Capture.open(out / "capture").actor == out / "capture" / "actor-2.glb"
     person = {"left": (3.0, 4.0)}
     assert again(videos, out, quality="draft", height=1.7, person=person)[1] == STAGES[2:]
+
+
+def test_cameras_that_are_scaled_with_the_body_are_not_taken_for_a_change_by_hand(videos, done, monkeypatch, tmp_path):
+    factors: list[float] = []
+
+    def character_of(capture, **options):
+        return MadeBody(body(options["height"]), camera_scale=0.97 if options["scale_cameras"] else 1.0)
+
+    def scale_cameras(folder, factor, progress):
+        factors.append(factor)
+        scaled = shutil.copytree(folder / "cameras", folder / "cameras-2")
+        (scaled / "factor").write_text(str(factor))
+        file = config_path(folder)
+        file.write_text(with_lines(file.read_text(), {"cameras": "cameras-2"}, file))
+        return scaled
+
+    monkeypatch.setattr(_run_work, "character_of", character_of)
+    monkeypatch.setattr(_run_work, "scale_cameras", scale_cameras)
+    out, said = tmp_path / "dance", []
+    assert again(videos, out, say=said.append)[1] == STAGES
+    assert factors == [0.97]
+    assert any("multiplied by 0.970" in sentence for sentence in said)
+    said.clear()
+    assert again(videos, out, say=said.append)[1] == []
+    assert not any("by hand" in sentence for sentence in said)
+    again(videos, tmp_path / "measured", camera_distance=2.0)
+    assert factors == [0.97]  # a distance that was measured stands
 
 
 def test_what_is_corrected_by_hand_counts_and_is_kept(videos, done, tmp_path):

@@ -12,7 +12,7 @@ from jaxmocap.energies import contour_lines
 from jaxmocap.geometry import vertex_normals
 from jaxmocap.observation import build_problem, draw, frame_rectangle, key_poses_of, mask_edges, surface_of
 from jaxmocap.registration import RegistrationSettings, register
-from jaxmocap.registration._fit_silhouette import _mask_contours
+from jaxmocap.registration._fit_silhouette import mask_contours
 
 LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "heel", "toe")
 BODY = ("pelvis", "spine", "thorax", "neck", *(f"{side}_{joint}" for side in "lr" for joint in LIMBS))
@@ -110,7 +110,7 @@ def test_outlines_of_masks_ask_for_no_growth_at_the_true_pose(world):
     edges = [mask_edges(rectangle.crop(world.capture.mask(camera, 0), camera)) for camera in range(2)]
     problem = build_problem(images, rectangle, world.cameras, 0, vertices, surface, edges=edges)
     posed, ids, inverse_depth = draw(character, pose, problem)
-    lines = contour_lines(posed, character.faces, ids, inverse_depth, problem, _mask_contours(12))
+    lines = contour_lines(posed, character.faces, ids, inverse_depth, problem, mask_contours(12))
     normals = vertex_normals(vertices, np.asarray(character.faces))[np.asarray(lines.corners)]
     outward = np.cross(np.einsum("rk,rkc->rc", np.asarray(lines.barycentric), normals), np.asarray(lines.direction))
     weighted = np.asarray(lines.weight)[:, None] * outward
