@@ -8,7 +8,7 @@ from rich.table import Table
 
 from ._arguments import Json, Preset, Seed, Weights, named_numbers, open_span, person_pixels
 from ._output import progress, say, show
-from ._track import report_trust, summary
+from ._track import counted, report_trust, summary
 
 if TYPE_CHECKING:
     from jaxmocap.pipeline import PlannedStage
@@ -143,10 +143,7 @@ def say_plan(planned: "list[PlannedStage]", out: Path) -> None:
 
 
 def _table(seconds: dict[str, float], found: dict[str, float], report: Path) -> Table:
-    sentence = (
-        f"{found['frames']} frames, {found['trusted_frames']} to be trusted, {found['lost_frames']} lost, "
-        f"{found['doubtful_frames']} doubtful.\nOpen {report}"
-    )
+    sentence = f"{counted(found)}.\nOpen {report}"
     table = Table(title_justify="left", caption=sentence, caption_justify="left", min_width=40)
     table.add_column("Stage")
     table.add_column("seconds", justify="right")

@@ -100,10 +100,15 @@ def summary(motion: "Motion") -> dict[str, float]:
 def sentence(motion: "Motion", out: Path) -> str:
     """Say in words how a tracked motion turned out."""
     found = summary(motion)
-    return (
-        f"{out}: {found['frames']} frames, {found['trusted_frames']} to be trusted, {found['lost_frames']} lost, "
-        f"{found['doubtful_frames']} doubtful, {found['seconds_per_frame']:.2f} s per frame; open {out / 'report.html'}"
-    )
+    return f"{out}: {counted(found)}, {found['seconds_per_frame']:.2f} s per frame; open {out / 'report.html'}"
+
+
+def counted(found: dict[str, float]) -> str:
+    """Count the frames of a `summary` in words: each is trusted, trusted but for a limb, lost or doubtful."""
+    trusted, lost, doubtful = (found[f"{kind}_frames"] for kind in ("trusted", "lost", "doubtful"))
+    partly = found["frames"] - trusted - lost - doubtful
+    but_for_limb = f"{partly} but for a limb, " if partly else ""
+    return f"{found['frames']} frames, {trusted} to be trusted, {but_for_limb}{lost} lost, {doubtful} doubtful"
 
 
 def report_trust(motion: "Motion") -> int:

@@ -119,6 +119,13 @@ class RunInputs:
             return True
         return False
 
+    def scale_from_height(self) -> bool:
+        """Tell whether the person's height is all that tells the scale of the cameras, which are of this run."""
+        found = self.calibration()
+        if found is None or self.options.height is None:
+            return False
+        return found["scale"]["from"] in ("height", "height and outlines")
+
     def of_select(self) -> Any:
         """List what the selected frames are chosen from."""
         return [self.seen(), self.options.frames]

@@ -192,7 +192,7 @@ class RunWork(RunInputs):
             made = character_of(
                 capture,
                 height=options.height,
-                scale_cameras=self._scale_from_height(),
+                scale_cameras=self.scale_from_height(),
                 key=key,
                 say=self.say,
                 progress=self.progress,
@@ -208,13 +208,6 @@ class RunWork(RunInputs):
                 character.save_glb(partial)
         self._set(actor=file.name)
         return file.name
-
-    def _scale_from_height(self) -> bool:
-        """Tell whether the person's height is all that tells the scale of the cameras, which are of this run."""
-        found = self.calibration()
-        if found is None or self.options.height is None:
-            return False
-        return found["scale"]["from"] in ("height", "height and outlines")
 
     def _scale_cameras(self, factor: float) -> None:
         """Make the cameras' world as large as the person's outlines and height say."""

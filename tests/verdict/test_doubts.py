@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from perturbed import arm_away, moved
 
-from jaxmocap._cli._track import NOT_TRUSTED, report_trust
+from jaxmocap._cli._track import NOT_TRUSTED, counted, report_trust
 from jaxmocap.energies import Posture, SearchEnergy
 from jaxmocap.refinement import FlowSettings
 from jaxmocap.search import Evidence
@@ -258,3 +258,9 @@ def test_the_motion_carries_the_verdict(world, true_result, capsys):
     good = motion_of(world.observations(), frames(true_result, 3))
     assert good.trusted.all()
     assert report_trust(good) == 0
+
+
+def test_frames_of_which_only_a_limb_is_doubted_are_counted_by_themselves():
+    found = {"frames": 5, "trusted_frames": 3, "lost_frames": 0, "doubtful_frames": 1}
+    assert counted(found) == "5 frames, 3 to be trusted, 1 but for a limb, 0 lost, 1 doubtful"
+    assert counted(found | {"trusted_frames": 4}) == "5 frames, 4 to be trusted, 0 lost, 1 doubtful"
