@@ -1,12 +1,12 @@
 """Arguments that several verbs share."""
 
-import re
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from jaxmocap._results import InputError
+from jaxmocap._spans import read_span
 
 CapturePath = Annotated[
     Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAPTURE", help="Capture folder, or its capture.toml.")
@@ -113,9 +113,6 @@ Weights = Annotated[
 ]
 
 
-_SPAN = re.compile(r"\s*(\d*)\s*:\s*(\d*)\s*")
-
-
 def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
     """Read `--set NAME=VALUE ...` as a dictionary."""
     found = {}
@@ -155,10 +152,10 @@ def open_span(text: str | None, name: str = "--frames") -> tuple[int, int | None
     """Read `--frames A:B` as (A, B) where it is not yet known how many frames there are; B is None for the last."""
     if text is None:
         return None
-    found = _SPAN.fullmatch(text)
+    found = read_span(text)
     if found is None:
         raise InputError(f"{name} is {text!r}; A:B with whole numbers was expected, such as 10:40, 10: or :40.")
-    return int(found[1] or 0), int(found[2]) if found[2] else None
+    return found
 
 
 def frame_span(text: str | None, num_frames: int, name: str = "--frames") -> tuple[int, int] | None:
