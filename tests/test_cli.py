@@ -63,6 +63,18 @@ def refused(arguments: list[object], capsys) -> str:
 # Starting up ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("option", [("--workers", "2"), ("--scheduler", "tcp://127.0.0.1:9")])
+def test_without_dask_a_sentence_names_the_extra_and_nothing_is_written(option, small, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
+    out = tmp_path / "out"
+    for arguments in (["bench", "paper", "--quick"], ["batch", small]):
+        assert refused([*arguments, "--out", out, *option], capsys) == (
+            "jaxmocap: several workers need Dask, which is not installed; run pip install 'jaxmocap[cluster]', or "
+            "leave --workers and --scheduler out."
+        )
+        assert not out.exists()
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["track", "--help"]])
 def test_help_answers_at_once_and_without_jax(arguments):
     begin = time.perf_counter()

@@ -97,7 +97,11 @@ Preset = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    tyro.conf.arg(metavar="N", help="Processes, through Dask.", help_behavior_hint="(default: one per four cores)"),
+    tyro.conf.arg(
+        metavar="N",
+        help="Processes, through Dask: more than one need the extra `cluster`.",
+        help_behavior_hint="(default: with it one per four cores)",
+    ),
 ]
 Scheduler = Annotated[
     str | None,
