@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from jaxmocap._cli import _output, run
+from jaxmocap._cli import _output, _run, run
 from jaxmocap._cli._output import progress, show
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character
@@ -61,6 +61,13 @@ def refused(arguments: list[object], capsys) -> str:
 
 
 # Starting up ------------------------------------------------------------------------------------------------------
+
+
+def test_no_help_offers_none_as_a_choice(capsys):
+    for name in _run._COMMANDS:
+        with pytest.raises(SystemExit):
+            run([name, "--help"])
+        assert "{None" not in capsys.readouterr().out, name
 
 
 @pytest.mark.parametrize("option", [("--workers", "2"), ("--scheduler", "tcp://127.0.0.1:9")])

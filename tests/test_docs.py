@@ -1,8 +1,10 @@
 """The documentation's code runs, and its tables say what the code does."""
 
+import functools
 import importlib.util
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 
 from jaxmocap import exporters, samplers
+from jaxmocap._cli import _run
 from jaxmocap.appearance import AppearanceSettings, GridSettings
 from jaxmocap.camera import FORMATS
 from jaxmocap.capture import Capture
@@ -83,6 +86,18 @@ def test_the_commands_of_the_readme_are_those_of_the_checks():
     commands = re.findall(r"^python3 -m venv .*$", (ROOT / "README.md").read_text(), re.MULTILINE)
     assert len(commands) == 2
     assert commands[1] in (ROOT / ".ci" / "run").read_text()
+
+
+def test_the_command_line_takes_the_commands_of_the_pages(monkeypatch):
+    for name, command in _run._COMMANDS.items():
+        taken = functools.wraps(command)(lambda *arguments, **options: 0)
+        monkeypatch.setitem(_run._COMMANDS, name, taken)
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    blocks = [block for page in pages for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)]
+    lines = [line for block in blocks for line in block.splitlines() if line.startswith("jaxmocap ")]
+    assert len(lines) > 20
+    for line in lines:
+        assert _run.run(shlex.split(line, comments=True)[1:]) == 0, line
 
 
 def test_the_energy_of_contributing_is_lowest_where_the_person_is(shown):

@@ -57,7 +57,7 @@ ActorFile = Annotated[
     tyro.conf.arg(
         metavar="FILE.glb",
         help="Character to use, such as fit-character writes.",
-        help_behavior_hint="(default: the capture's actor)",
+        help_behavior_hint="(default: the capture's actor, else the built-in body)",
     ),
 ]
 Height = Annotated[
