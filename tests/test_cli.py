@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from jaxmocap._cli import _output, run
+from jaxmocap._cli import _output, _run, run
 from jaxmocap._cli._output import progress, show
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character
@@ -61,6 +61,25 @@ def refused(arguments: list[object], capsys) -> str:
 
 
 # Starting up ------------------------------------------------------------------------------------------------------
+
+
+def test_no_help_offers_none_as_a_choice(capsys):
+    for name in _run._COMMANDS:
+        with pytest.raises(SystemExit):
+            run([name, "--help"])
+        assert "{None" not in capsys.readouterr().out, name
+
+
+@pytest.mark.parametrize("option", [("--workers", "2"), ("--scheduler", "tcp://127.0.0.1:9")])
+def test_without_dask_a_sentence_names_the_extra_and_nothing_is_written(option, small, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
+    out = tmp_path / "out"
+    for arguments in (["bench", "paper", "--quick"], ["batch", small]):
+        assert refused([*arguments, "--out", out, *option], capsys) == (
+            "jaxmocap: several workers need Dask, which is not installed; run pip install 'jaxmocap[cluster]', or "
+            "leave --workers and --scheduler out."
+        )
+        assert not out.exists()
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["track", "--help"]])

@@ -1,6 +1,10 @@
 """The documentation's code runs, and its tables say what the code does."""
 
+import functools
+import importlib.util
+import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +16,7 @@ import numpy as np
 import pytest
 
 from jaxmocap import exporters, samplers
+from jaxmocap._cli import _run
 from jaxmocap.appearance import AppearanceSettings, GridSettings
 from jaxmocap.camera import FORMATS
 from jaxmocap.capture import Capture
@@ -81,6 +86,18 @@ def test_the_commands_of_the_readme_are_those_of_the_checks():
     commands = re.findall(r"^python3 -m venv .*$", (ROOT / "README.md").read_text(), re.MULTILINE)
     assert len(commands) == 2
     assert commands[1] in (ROOT / ".ci" / "run").read_text()
+
+
+def test_the_command_line_takes_the_commands_of_the_pages(monkeypatch):
+    for name, command in _run._COMMANDS.items():
+        taken = functools.wraps(command)(lambda *arguments, **options: 0)
+        monkeypatch.setitem(_run._COMMANDS, name, taken)
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    blocks = [block for page in pages for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL)]
+    lines = [line for block in blocks for line in block.splitlines() if line.startswith("jaxmocap ")]
+    assert len(lines) > 20
+    for line in lines:
+        assert _run.run(shlex.split(line, comments=True)[1:]) == 0, line
 
 
 def test_the_energy_of_contributing_is_lowest_where_the_person_is(shown):
@@ -208,6 +225,52 @@ def test_the_site_builds_without_a_warning(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     for page, words in {"api/pipeline": "track_capture", "extending": "HillClimbing", "changes": "0.1.0"}.items():
         assert words in (tmp_path / page / "index.html").read_text()
+
+
+def test_the_list_of_notebooks_names_them_all():
+    listed = re.findall(r"^\| `(\d\d_\w+)` \|", (ROOT / "docs" / "notebooks.md").read_text(), re.MULTILINE)
+    assert listed == sorted(path.stem for path in (ROOT / "notebooks").glob("*.ipynb"))
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """The first cell of the notebook for hosted machines, where jaxmocap is not installed: what pip is asked for."""
+    cells = json.loads((ROOT / "notebooks" / "06_hosted_first_clip.ipynb").read_text())["cells"]
+    first = "".join(next(cell for cell in cells if cell["cell_type"] == "code")["source"])
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    asked: list[list[str]] = []
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(subprocess, "run", lambda command, check: asked.append(command))
+
+    def run(source: str) -> str:
+        monkeypatch.setenv("JAXMOCAP_SOURCE", source)
+        exec(compile(first, "06_hosted_first_clip.ipynb", "exec"), {})
+        return asked[-1][5]
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("source", "wanted"),
+    [
+        ("https://example.org/jaxmocap.git", "jaxmocap[detect] @ git+https://example.org/jaxmocap.git"),
+        ("git+ssh://example.org/jaxmocap", "jaxmocap[detect] @ git+ssh://example.org/jaxmocap"),
+        ("https://example.org/jaxmocap-1.whl", "jaxmocap[detect] @ https://example.org/jaxmocap-1.whl"),
+        ("jaxmocap-1.whl", "{here}/jaxmocap-1.whl[detect]"),
+    ],
+)
+def test_the_hosted_notebook_installs_what_it_is_told(source, wanted, install):
+    assert install(source) == wanted.replace("{here}", str(Path.cwd()))
+
+
+def test_the_hosted_notebook_finds_a_wheel_or_the_repository_and_else_asks(install):
+    with pytest.raises(RuntimeError, match="say in SOURCE where it is"):
+        install("")
+    (Path.cwd().parent / "jaxmocap").mkdir()
+    assert install("") == f"{Path.cwd().parent}[detect]"
+    Path("jaxmocap-0.1.0-py3-none-any.whl").touch()
+    assert install("") == f"{Path.cwd()}/jaxmocap-0.1.0-py3-none-any.whl[detect]"
 
 
 def test_the_frame_that_notebooks_begin_with_shows_the_person(monkeypatch):

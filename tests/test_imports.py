@@ -31,7 +31,7 @@ ROWS = (
     ("geometry",),
     ("_cache",),
     ("_files",),
-    ("_types", "_results", "_runtime"),
+    ("_types", "_results", "_runtime", "_spans"),
 )
 RANK: dict[str, float] = {name: row for row, names in enumerate(ROWS) for name in names}
 RANK["synthetic"] = RANK["rigging"] + 0.5

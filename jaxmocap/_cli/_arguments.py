@@ -1,12 +1,12 @@
 """Arguments that several verbs share."""
 
-import re
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
 from jaxmocap._results import InputError
+from jaxmocap._spans import read_span
 
 CapturePath = Annotated[
     Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAPTURE", help="Capture folder, or its capture.toml.")
@@ -57,7 +57,7 @@ ActorFile = Annotated[
     tyro.conf.arg(
         metavar="FILE.glb",
         help="Character to use, such as fit-character writes.",
-        help_behavior_hint="(default: the capture's actor)",
+        help_behavior_hint="(default: the capture's actor, else the built-in body)",
     ),
 ]
 Height = Annotated[
@@ -97,7 +97,11 @@ Preset = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    tyro.conf.arg(metavar="N", help="Processes, through Dask.", help_behavior_hint="(default: one per four cores)"),
+    tyro.conf.arg(
+        metavar="N",
+        help="Processes, through Dask: more than one need the extra `cluster`.",
+        help_behavior_hint="(default: with it one per four cores)",
+    ),
 ]
 Scheduler = Annotated[
     str | None,
@@ -111,9 +115,6 @@ Weights = Annotated[
         help_behavior_hint="(default: downloaded once)",
     ),
 ]
-
-
-_SPAN = re.compile(r"\s*(\d*)\s*:\s*(\d*)\s*")
 
 
 def named_settings(texts: tuple[str, ...]) -> dict[str, str]:
@@ -155,10 +156,10 @@ def open_span(text: str | None, name: str = "--frames") -> tuple[int, int | None
     """Read `--frames A:B` as (A, B) where it is not yet known how many frames there are; B is None for the last."""
     if text is None:
         return None
-    found = _SPAN.fullmatch(text)
+    found = read_span(text)
     if found is None:
         raise InputError(f"{name} is {text!r}; A:B with whole numbers was expected, such as 10:40, 10: or :40.")
-    return int(found[1] or 0), int(found[2]) if found[2] else None
+    return found
 
 
 def frame_span(text: str | None, num_frames: int, name: str = "--frames") -> tuple[int, int] | None:

@@ -40,7 +40,9 @@ def bench(
     quality: Annotated[
         Literal["draft", "normal", "paper"] | None,
         tyro.conf.arg(
-            help="Preset of the methods that have one.", help_behavior_hint="(default: normal, quick: draft)"
+            metavar="{draft,normal,paper}",
+            help="Preset of the methods that have one.",
+            help_behavior_hint="(default: normal, quick: draft)",
         ),
     ] = None,
     seeds: Annotated[

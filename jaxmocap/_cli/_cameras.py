@@ -1,7 +1,7 @@
 """`jaxmocap cameras`: the cameras of a capture from, and for, another program."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import numpy as np
 import tyro
@@ -22,7 +22,11 @@ def cameras(
     capture: CapturePath,
     to: Annotated[
         Form | None,
-        tyro.conf.arg(help="Write the cameras in this form, described in docs/conventions.md.", help_behavior_hint=""),
+        tyro.conf.arg(
+            metavar="{" + ",".join(get_args(Form)) + "}",
+            help="Write the cameras in this form, described in docs/conventions.md.",
+            help_behavior_hint="",
+        ),
     ] = None,
     out: Annotated[
         Path | None, tyro.conf.arg(metavar="PATH", help="Where to: a new file or folder.", help_behavior_hint="")

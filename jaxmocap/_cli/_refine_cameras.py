@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import tyro
 from rich.table import Table
 
-from ._arguments import CapturePath, DetectionsFolder, Json
+from ._arguments import CapturePath, Json
 from ._output import progress, show
 
 
@@ -15,7 +15,14 @@ def refine_cameras(
     result: Annotated[
         Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT", help="Folder that track wrote for this capture.")
     ],
-    detections: DetectionsFolder = None,
+    detections: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="DIR",
+            help="A detector's keypoints at the tracked frames (files as the capture's may be).",
+            help_behavior_hint="(default: the capture's)",
+        ),
+    ] = None,
     json: Json = False,
 ) -> int:
     """Refine cameras, and the offsets to a part of a frame, by background and tracked body, and complete capture.toml.

@@ -13,6 +13,7 @@ from ._arguments import Json, named_places
 from ._output import say, show, write_png
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+_AXES = "{x,y,z,-x,-y,-z}"
 
 
 def rig(
@@ -35,13 +36,21 @@ def rig(
     ] = None,
     units: Annotated[
         Literal["m", "cm", "mm", "in", "ft", "dm"] | None,
-        tyro.conf.arg(help="The file's units.", help_behavior_hint="(default: those that make an adult)"),
+        tyro.conf.arg(
+            metavar="{m,cm,mm,in,ft,dm}",
+            help="The file's units.",
+            help_behavior_hint="(default: those that make an adult)",
+        ),
     ] = None,
     up: Annotated[
-        Axis | None, tyro.conf.arg(help="The file's axis that points up.", help_behavior_hint="(default: found)")
+        Axis | None,
+        tyro.conf.arg(metavar=_AXES, help="The file's axis that points up.", help_behavior_hint="(default: found)"),
     ] = None,
     front: Annotated[
-        Axis | None, tyro.conf.arg(help="The file's axis that the person faces.", help_behavior_hint="(default: found)")
+        Axis | None,
+        tyro.conf.arg(
+            metavar=_AXES, help="The file's axis that the person faces.", help_behavior_hint="(default: found)"
+        ),
     ] = None,
     joints: Annotated[
         Path | None,

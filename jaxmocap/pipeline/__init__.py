@@ -33,4 +33,8 @@ from ._track_capture import (
     registration_record as registration_record,
     track_capture as track_capture,
 )
-from ._workers import Failure as Failure, on_workers as on_workers
+from ._workers import (
+    Failure as Failure,
+    on_workers as on_workers,
+    refuse_without_dask as refuse_without_dask,
+)

@@ -4,12 +4,38 @@ import tomllib
 from pathlib import Path, PurePath
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from jaxmocap._results import InputError
+from jaxmocap._spans import read_span
 
 _LONGEST, _LONGEST_NAME = 2000, 255  # characters of a path, bytes of a name
 _OF_VIDEOS = ("camera_distance", "focal", "scan", "person", "keypoints", "static")
+_EXPECTED = {
+    "name": "the name of a folder, of letters, digits, spaces and the signs . _ -",
+    "capture": 'a capture folder, such as "monday/walk"',
+    "videos": 'a list of files, such as ["left.mp4", "right.mp4"]',
+    "frames": 'frames A to B - 1 with 0 <= A < B, such as "10:40", "10:", ":40" or [10, 40]',
+    "height": "metres, such as 1.8",
+    "actor": 'a file, such as "ann.glb"',
+    "camera_distance": "metres, such as 2.35",
+    "focal": "pixels by camera, such as { left = 1480 }",
+    "scan": 'a video or a folder of pictures, such as "walk_around.mp4"',
+    "person": "a pixel by camera, such as { right = [430, 250] }",
+    "keypoints": 'a folder, such as "keypoints"',
+    "static": "true or false",
+}
+_LONGEST_SHOWN = 80  # characters of a value that cannot be used
 
 
 def _path(text: str) -> str:
@@ -17,6 +43,15 @@ def _path(text: str) -> str:
     if not text.strip() or "\0" in text or len(text) > _LONGEST or longest > _LONGEST_NAME:
         raise ValueError("is no path of a file or folder")
     return text
+
+
+def _span(value: Any) -> tuple[int, int | None]:
+    found = read_span(value) if isinstance(value, str) else None
+    if isinstance(value, list) and [type(number) for number in value] == [int, int]:
+        found = value[0], value[1]
+    if found is None or found[0] < 0 or (found[1] is not None and found[1] <= found[0]):
+        raise PydanticCustomError("span", "no span of frames")
+    return found
 
 
 _Path = Annotated[str, AfterValidator(_path)]
@@ -29,7 +64,7 @@ class TakeEntry(BaseModel):
         name: of the folder of its result; by default the capture folder's.
         capture: a capture folder, tracked as `jaxmocap track` does.
         videos: of the same moment, of which a motion is made as `jaxmocap run` does.
-        frames: (first, behind the last).
+        frames: (first, behind the last), None for the end; "A:B" or [A, B] in the file.
         height: of the person, metres.
         actor: the person's character or scan.
         camera_distance: of videos, as are those below and as `run` has them: metres between the first two cameras.
@@ -44,7 +79,7 @@ class TakeEntry(BaseModel):
     name: Annotated[str, Field(pattern=r"^\w[\w.\- ]*$", max_length=100)] | None = None
     capture: _Path | None = None
     videos: Annotated[list[_Path], Field(min_length=1)] | None = None
-    frames: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
+    frames: Annotated[tuple[int, int | None], BeforeValidator(_span)] | None = None
     height: FiniteFloat | None = None
     actor: _Path | None = None
     camera_distance: FiniteFloat | None = None
@@ -69,7 +104,7 @@ class TakeEntry(BaseModel):
         """Collect those of the values `names` that are given, paths as they are from `folder`."""
         found = {name: value for name in names if (value := getattr(self, name)) is not None}
         paths = ("actor", "scan", "keypoints")
-        tuples = {"frames": tuple(self.frames or ()), "person": {k: tuple(v) for k, v in (self.person or {}).items()}}
+        tuples = {"person": {camera: tuple(pixel) for camera, pixel in (self.person or {}).items()}}
         return {name: folder / value if name in paths else tuples.get(name, value) for name, value in found.items()}
 
 
@@ -101,5 +136,6 @@ def _sentence(file: Path, error: Any) -> str:
         return f"{file}: {number}: {what + ' ' if what else ''}{error['ctx']['error']}"
     if error["type"] == "missing":
         return f"{file} lists no takes; expected a [[take]] section for each, with capture or videos"
-    found = f"{what or 'take'} = {error['input']!r}"[:80]
-    return f"{file}: {number}: {found} cannot be used: {error['msg'][0].lower()}{error['msg'][1:]}"
+    found = f"{what or 'take'} = {error['input']!r}"[:_LONGEST_SHOWN]
+    expected = _EXPECTED[where[1]] if what else "a [[take]] section for each take"
+    return f"{file}: {number}: {found} cannot be used; expected {expected}"

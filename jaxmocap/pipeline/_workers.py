@@ -49,7 +49,8 @@ def on_workers(
 
     Raises `InputError` where Dask is needed and not installed and, with the first result, where no scheduler answers.
     """
-    distributed = _dask(needed=(workers or 0) > 1 or scheduler is not None)
+    refuse_without_dask(workers, scheduler)
+    distributed = _dask()
     workers = (os.cpu_count() or 1) // 4 if workers is None else workers
     if distributed is None or (scheduler is None and (workers < 2 or len(items) < 2)):
         return map(call, items)
@@ -72,15 +73,19 @@ def _shared(
             yield future.result() if error is None else died(sent[future], error)
 
 
-def _dask(needed: bool) -> ModuleType | None:
+def refuse_without_dask(workers: int | None, scheduler: str | None) -> None:
+    """Raise `InputError` where several `workers`, or a `scheduler`, are asked for and Dask is not installed."""
+    if ((workers or 0) > 1 or scheduler is not None) and _dask() is None:
+        raise InputError(
+            "several workers need Dask, which is not installed; run pip install 'jaxmocap[cluster]', or leave "
+            "--workers and --scheduler out."
+        )
+
+
+def _dask() -> ModuleType | None:
     try:
         import distributed  # pyright: ignore[reportMissingImports]
     except ImportError:
-        if needed:
-            raise InputError(
-                "several workers need Dask, which is not installed; run pip install 'jaxmocap[cluster]', or leave "
-                "--workers and --scheduler out."
-            ) from None
         return None
     return distributed
 

@@ -29,6 +29,7 @@ from jaxmocap.character import Pose
 from jaxmocap.motion import Motion
 from jaxmocap.pipeline import RunResult, _run_options, _take, batch
 from jaxmocap.pipeline._run_record import RunRecord
+from jaxmocap.pipeline._take_file import read_take_file
 from jaxmocap.rigging import body
 from jaxmocap.synthetic import make_capture, write_capture
 
@@ -212,6 +213,7 @@ def test_a_list_of_takes_names_captures_and_videos_with_what_is_known_of_them(ta
         [[take]]
         name = "second walk"
         capture = "takes/walk"
+        frames = ":8"
         height = 1.6
 
         [[take]]
@@ -224,7 +226,7 @@ def test_a_list_of_takes_names_captures_and_videos_with_what_is_known_of_them(ta
     found = batch([takes[2], tmp_path / "takes.toml"], tmp_path / "out", height=1.8, quality="draft", seed=5)
     told = dict(tracked)
     assert list(told) == [take.name for take in found.takes] == ["odd", "walk", "second walk", "outside"]
-    assert [told[name]["frames"] for name in told] == [None, (2, 6), None, (0, None)]
+    assert [told[name]["frames"] for name in told] == [None, (2, 6), (0, 8), (0, None)]
     assert [told[name]["height"] for name in told] == [1.8, 1.8, 1.6, 1.8]
     assert {options["quality"] for options in told.values()} == {"draft"}
     assert {options["seed"] for options in told.values()} == {5}
@@ -248,7 +250,17 @@ def test_a_list_of_takes_names_captures_and_videos_with_what_is_known_of_them(ta
         ("[[take]]\ncapture = 'a'\nstatic = true", "take 1: static is for takes of videos"),
         ("[[take]]\ncapture = 'a\\u0000b'".replace("'", '"'), "take 1: capture is no path of a file or folder"),
         (f"[[take]]\nname = 'a'\nvideos = ['{'b' * 300}']", "take 1: videos.0 is no path of a file or folder"),
-        ("[[take]]\ncapture = 'a'\nheight = 'tall'", "take 1: height = 'tall' cannot be used"),
+        ("[[take]]\ncapture = 'a'\nheight = 'tall'", "take 1: height = 'tall' cannot be used; expected metres"),
+        (
+            "[[take]]\ncapture = 'a'\n[[take]]\ncapture = 'b'\nframes = '5-9'",
+            "takes.toml: take 2: frames = '5-9' cannot",
+        ),
+        (
+            "[[take]]\nname = 'a'\nvideos = ['b']\nfocal = {left = 'long'}",
+            "focal.left = 'long' cannot be used; expected pix",
+        ),
+        ("[[take]]\ncapture = 'a'\nactor = 2", "take 1: actor = 2 cannot be used; expected a file"),
+        ("take = [1]", "take 1: take = 1 cannot be used; expected a [[take]] section"),
         ("takes = 1\n[[take]]\ncapture = 'a'", "the list of takes has the unknown key 'takes'"),
         ("[[take]]\ncapture = 'nowhere'", "nowhere does not exist; expected a capture folder"),
         ("[[take]]\nname = 'a'\nvideos = ['nowhere.mp4']", "take 'a': "),
@@ -259,6 +271,27 @@ def test_a_list_of_takes_that_cannot_be_used_is_a_sentence(text, words, tracked,
     file.write_text(text)
     assert words in refused([file, "--out", tmp_path / "out", "--height", "1.8"], capsys)
     assert tracked == []
+
+
+def test_the_frames_of_a_take_are_written_as_on_the_command_line(tmp_path):
+    file = tmp_path / "takes.toml"
+    spans = {"'0:12'": (0, 12), "[0, 12]": (0, 12), "' 3 : 12 '": (3, 12), "'3:'": (3, None), "':12'": (0, 12)}
+    file.write_text("".join(f"[[take]]\ncapture = 'a'\nframes = {written}\n" for written in spans))
+    assert [entry.frames for entry in read_take_file(file)] == list(spans.values())
+
+
+@pytest.mark.parametrize(
+    "written",
+    ["'5'", "'12:0'", "'-1:4'", "'a:b'", f"'{'9' * 5000}:'", "7", "[7]", "[7, 7]", "[-1, 4]", "[0, true]", "[0.0, 4]"],
+)
+def test_frames_of_a_take_that_are_no_span_are_refused_in_a_sentence(written, tmp_path):
+    file = tmp_path / "takes.toml"
+    file.write_text(f"[[take]]\ncapture = 'a'\nframes = {written}")
+    with pytest.raises(InputError) as refusal:
+        read_take_file(file)
+    found, expected = str(refusal.value).split(" cannot be used; expected ")
+    assert found == f"{file}: take 1: " + f"frames = {written}".replace("true", "True")[:80]
+    assert expected == 'frames A to B - 1 with 0 <= A < B, such as "10:40", "10:", ":40" or [10, 40]'
 
 
 def test_single_settings_are_not_for_videos(tracked, tmp_path, capsys):
