@@ -40,19 +40,22 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 
+_VERBS = ("scan", "track")
+"""Functions that share their name with a package; as an attribute of this one it is the function."""
+
+
 class _Package(ModuleType):
-    """The package `track` and the function `track` share a name; as an attribute it is the function."""
+    """Leaves `_VERBS` to `__getattr__` when the packages of the same names are imported."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name == "track" and isinstance(value, ModuleType):
-            value = value.track
-        super().__setattr__(name, value)
+        if name not in _VERBS or not isinstance(value, ModuleType):
+            super().__setattr__(name, value)
 
 
 def __getattr__(name: str) -> Any:
     if name.startswith("_"):
         raise AttributeError(f"module 'jaxmocap' has no attribute {name!r}")
-    if name != "track" and importlib.util.find_spec(f"jaxmocap.{name}") is not None:
+    if name not in _VERBS and importlib.util.find_spec(f"jaxmocap.{name}") is not None:
         return importlib.import_module(f"jaxmocap.{name}")
     public = importlib.import_module("jaxmocap._public")
     if hasattr(public, name):

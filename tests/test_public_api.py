@@ -3,8 +3,10 @@
 `JAXMOCAP_RENEW_API=1 python -m pytest -n 0 tests/test_public_api.py` writes the list anew.
 """
 
+import importlib
 import inspect
 import os
+import pkgutil
 from pathlib import Path
 
 import jaxmocap
@@ -43,3 +45,12 @@ def test_the_public_names_are_the_listed_ones():
         f"the public interface is not what {LIST.name} lists.\nNo longer there: {gone}\nNew: {new}\nIf that is meant, "
         f"say so in CHANGELOG.md and write the list anew: {RENEW}=1 python -m pytest -n 0 tests/{Path(__file__).name}"
     )
+
+
+def test_every_public_name_is_itself_whatever_packages_are_imported():
+    """`jaxmocap.scan` and `jaxmocap.track` are packages too, and importing those must not hide the functions."""
+    for package in pkgutil.iter_modules(jaxmocap.__path__, "jaxmocap."):
+        importlib.import_module(package.name)
+    public = {n: value for n, value in vars(_public).items() if not n.startswith("_") and not inspect.ismodule(value)}
+    assert {"scan", "track"} <= public.keys()
+    assert [name for name, value in public.items() if getattr(jaxmocap, name) is not value] == []

@@ -90,7 +90,7 @@ def scan(
     if picture is not None:
         from jaxmocap.viewers import draw_character
 
-        write_png(picture, draw_character(made.rigged.character))
+        write_png(picture, draw_character(made.rigged.character, made.colours))
     overlap = made.report["overlap"].values()
     text = (
         f"{out}: {made.report['height_m']:.2f} m tall, from {made.report['views'] - len(made.report['left_out'])} "

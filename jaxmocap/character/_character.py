@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 import trimesh
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, UInt8
 from scipy.spatial import KDTree
 
 from ._dof_table import Arm
@@ -71,11 +71,14 @@ class Character(eqx.Module):
 
         return character_from_skin(cls, name, source, raw, mapping, arm)
 
-    def save_glb(self, path: str | Path) -> Path:
-        """Write an ordinary skinned GLB, which `load` reads back to the same character; returns the path."""
+    def save_glb(self, path: str | Path, colours: UInt8[np.ndarray, "vertex 3"] | None = None) -> Path:
+        """Write an ordinary skinned GLB, which `load` reads back to the same character; returns the path.
+
+        `colours`, sRGB, of the vertices are for viewers and go into exports; tracking learns its own.
+        """
         from ._save_glb import save_glb
 
-        return save_glb(self, Path(path))
+        return save_glb(self, Path(path), colours)
 
 
 def dominant_bodies(character: Character) -> Int[np.ndarray, "face"]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from ._capsules import capsules
 
@@ -61,10 +62,11 @@ def glb_bytes(document: Mapping[str, Any], binary: bytes) -> bytes:
     return header + chunks
 
 
-def save_glb(character: "Character", path: Path) -> Path:
+def save_glb(character: "Character", path: Path, colours: UInt8[np.ndarray, "vertex 3"] | None = None) -> Path:
     """Write one mesh and one skin, a joint per body standing at rest, as many sets of four weights as the mesh needs.
 
     Landmarks, the joints' exact places and a capsule per bone go into the skin's `extras`, which other programs ignore.
+    `colours` of the vertices, sRGB, are written as glTF has them, linear, with a material that does not shine.
     """
     skeleton = character.skeleton
     joints = skeleton.joints.astype("<f4")
@@ -75,7 +77,11 @@ def save_glb(character: "Character", path: Path) -> Path:
     for number, (bones, values) in enumerate(_influences(np.asarray(character.weights, "<f4"))):
         attributes[f"JOINTS_{number}"] = writer.add(bones.astype("u1"))
         attributes[f"WEIGHTS_{number}"] = writer.add(values.astype("<f4"))
-    indices = writer.add(np.asarray(character.faces, "<u4").reshape(-1, 1))
+    primitive: dict[str, Any] = {"attributes": attributes}
+    if colours is not None:
+        attributes["COLOR_0"] = writer.add(_linear(colours).astype("<f4"))
+        primitive["material"] = 0
+    primitive["indices"] = writer.add(np.asarray(character.faces, "<u4").reshape(-1, 1))
     binds = writer.add(inverse_binds.reshape(-1, 16))
     mesh_node = len(joints)
     landmarks = dict(zip(skeleton.landmark_names, np.asarray(skeleton.landmarks).tolist(), strict=True))
@@ -87,7 +93,7 @@ def save_glb(character: "Character", path: Path) -> Path:
             *_nodes(joints, skeleton.body_names, skeleton.parents),
             {"name": character.name, "mesh": 0, "skin": 0},
         ],
-        "meshes": [{"name": character.name, "primitives": [{"attributes": attributes, "indices": indices}]}],
+        "meshes": [{"name": character.name, "primitives": [primitive]}],
         "skins": [
             {
                 "joints": list(range(len(joints))),
@@ -98,8 +104,16 @@ def save_glb(character: "Character", path: Path) -> Path:
         ],
         **writer.tables(),
     }
+    if colours is not None:
+        document["materials"] = [{"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}]
     path.write_bytes(glb_bytes(document, bytes(writer.data)))
     return path
+
+
+def _linear(colours: UInt8[np.ndarray, "vertex 3"]) -> Float[np.ndarray, "vertex 3"]:
+    """Take sRGB's transfer function off (IEC 61966-2-1)."""
+    shares = colours / 255.0
+    return np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
 
 
 def _capsules(character: "Character") -> dict[str, dict[str, object]]:

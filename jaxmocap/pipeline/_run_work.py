@@ -180,12 +180,13 @@ class RunWork(RunInputs):
 
     def body(self) -> Any:
         """Take the actor, make one of a walk around the person, or make a body to the person's measure."""
-        options = self.options
+        options, colours = self.options, None
         if options.actor is not None:
             character = open_actor(options.actor, self.say)
         elif options.scan is not None:
             told = {"height": options.height, "seed": options.seed, "say": self.say, "progress": self.progress}
-            character = scan(options.scan, weights=options.weights, **told).rigged.character
+            scanned = scan(options.scan, weights=options.weights, **told)
+            character, colours = scanned.rigged.character, scanned.colours
         else:
             key = jax.random.key(options.seed)
             capture = replace(self._open(), actor=None)
@@ -205,7 +206,7 @@ class RunWork(RunInputs):
             if options.actor is not None and options.actor.suffix.lower() == ".glb":
                 shutil.copyfile(options.actor, partial)
             else:
-                character.save_glb(partial)
+                character.save_glb(partial, colours)
         self._set(actor=file.name)
         return file.name
 

@@ -4,9 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import UInt8
+
 from jaxmocap._files import atomic_path
 from jaxmocap.rigging import RiggedMesh, rig
-from jaxmocap.scan import Scan, reconstruct
+from jaxmocap.scan import Scan, reconstruct, vertex_colours
 
 from ._detect import Report, Say
 from ._scan_views import read_views, widest_gap
@@ -22,12 +25,14 @@ class ScannedActor:
     Attributes:
         scan: the surface in the cameras' world, in metres.
         rigged: the actor that was made of it.
+        colours: of the actor's vertices, sRGB, for viewers.
         report: what was found, as JSON knows it: `views`, `left_out`, `widest_gap_degrees` around the person,
             `overlap` by view, `triangles`, and what `rig` reports.
     """
 
     scan: Scan
     rigged: RiggedMesh
+    colours: UInt8[np.ndarray, "vertex 3"]
     report: dict[str, Any]
 
 
@@ -57,9 +62,10 @@ def scan(
     `weights` are the detector's networks, for a machine without a network.
 
     `height`, metres, tells the size; it may be left out where masks and cameras in metres are given. Writes a GLB to
-    `out`, if given, that `track --actor` takes. `say` takes sentences on what was assumed, `progress` what is being
-    done. Raises `InputError` for files that are missing or do not fit, a walk that does not go around, a person who
-    moved, silhouettes with nothing in common, and where no standing person is found.
+    `out`, if given, that `track --actor` takes, with a colour per vertex that exports keep. `say` takes sentences on
+    what was assumed, `progress` what is being done. Raises `InputError` for files that are missing or do not fit, a
+    walk that does not go around, a person who moved, silhouettes with nothing in common, and where no standing person
+    is found.
     """
     told = {"focal": focal, "weights": weights, "seed": seed, "say": say, "progress": progress}
     names, views = read_views(pictures, cameras, masks, height, **told)
@@ -73,6 +79,12 @@ def scan(
         units=None if height is not None else "m",
         anew=True,
         name=Path(out).stem if out is not None else "scan",
+    )
+    assert rigged.rest_from_file is not None  # a mesh without a skin
+    back = np.linalg.inv(rigged.rest_from_file)
+    rest = np.asarray(rigged.character.vertices, np.float64)
+    colours = vertex_colours(
+        rest @ back[:3, :3].T + back[:3, 3], np.asarray(rigged.character.faces), views.only(found.used)
     )
     left_out = [name for name, used in zip(names, found.used, strict=True) if not used]
     poor = [n for n, share in zip(names, found.overlap, strict=True) if share < POOR and n not in left_out]
@@ -91,5 +103,5 @@ def scan(
     if out is not None:
         Path(out).parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(Path(out)) as temporary:
-            rigged.character.save_glb(temporary)
-    return ScannedActor(found, rigged, report)
+            rigged.character.save_glb(temporary, colours)
+    return ScannedActor(found, rigged, colours, report)

@@ -20,6 +20,7 @@ from ._detect import Report, Say
 from ._scan_frames import frames_of_walk
 from ._scan_masks import find_outlines
 
+_COLOURED = 1600  # pixels of the longer side of pictures that colours are taken from
 PICTURES = (".jpg", ".jpeg", ".png")
 WIDEST_GAP = 110.0
 """Degrees around the person without a picture, from which on there is no scan: what no outline cuts stays."""
@@ -68,15 +69,16 @@ def read_views(
         if masks is None:
             assert height is not None
             shown, known = find_outlines(files, known, height, jax.random.key(seed), weights, say, progress)
-    lenses = [
-        Undistortion(np.asarray(k), np.asarray(d), one)
-        for k, d, one in zip(known.intrinsics, known.distortion, known.sizes, strict=True)
-    ]
+        lenses = [
+            Undistortion(np.asarray(k), np.asarray(d), one)
+            for k, d, one in zip(known.intrinsics, known.distortion, known.sizes, strict=True)
+        ]
+        coloured = np.stack([_coloured(file, lens) for lens, file in zip(lenses, files, strict=True)])
     grey = np.stack([lens.image(images[file]) for lens, file in zip(lenses, files, strict=True)])
     if masks is not None:
         drawn = [_mask(Path(masks), file, images[file].shape) for file in files]
         shown = np.stack([lens.mask(mask) for lens, mask in zip(lenses, drawn, strict=True)])
-    views = Views(grey, shown, np.asarray(known.intrinsics), np.array(known.cam_from_world[:, 0]))
+    views = Views(grey, shown, np.asarray(known.intrinsics), np.array(known.cam_from_world[:, 0]), coloured)
     if masks is not None and height is not None:
         views.cam_from_world[:, :3, 3] *= height / person_place(views)[1]
     return tuple(file.stem for file in files), views
@@ -141,6 +143,18 @@ def _read(file: Path) -> UInt8[np.ndarray, "height width"]:
     if image is None:
         raise InputError(f"{file} cannot be read as a picture; export it again as JPEG or PNG.")
     return image
+
+
+def _coloured(file: Path, lens: Undistortion) -> UInt8[np.ndarray, "height width 3"]:
+    """Read a picture in colour, RGB, undistorted and small enough for the colours of a few thousand vertices."""
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(np.frombuffer(file.read_bytes(), np.uint8), flags)
+    if image is None:
+        raise InputError(f"{file} cannot be read in colour; export it again as JPEG or PNG.")
+    image = lens.image(image)
+    shrink = min(1.0, _COLOURED / max(image.shape))
+    size = [max(1, round(shrink * side)) for side in image.shape[1::-1]]
+    return cv2.cvtColor(cv2.resize(image, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2RGB)
 
 
 def _mask(folder: Path, picture: Path, shape: tuple[int, int]) -> Bool[np.ndarray, "height width"]:

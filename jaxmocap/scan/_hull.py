@@ -36,16 +36,20 @@ class Views(NamedTuple):
         masks: the person's pixels in them.
         intrinsics: K, pixels; the centre of the first pixel is (0.5, 0.5).
         cam_from_world: poses, metres.
+        pictures: the same in colour, RGB, at whatever size; None where nobody asks for colours.
     """
 
     grey: UInt8[np.ndarray, "view height width"]
     masks: Bool[np.ndarray, "view height width"]
     intrinsics: Float[np.ndarray, "view 3 3"]
     cam_from_world: Float[np.ndarray, "view 4 4"]
+    pictures: UInt8[np.ndarray, "view h w 3"] | None = None
 
     def only(self, chosen: Bool[np.ndarray, " view"]) -> "Views":
         """Take some of the views."""
-        return Views(*(leaf[chosen] for leaf in self))
+        pictures = None if self.pictures is None else self.pictures[chosen]
+        poses = self.intrinsics[chosen], self.cam_from_world[chosen]
+        return Views(self.grey[chosen], self.masks[chosen], *poses, pictures)
 
     @property
     def cameras(self) -> View:

@@ -31,9 +31,14 @@ _PAPER = 30
 _SKIN, _WALL = (214, 178, 156), 120
 
 
-def draw_character(character: Character) -> UInt8[np.ndarray, "height width 3"]:
-    """Draw two views at rest with the joints, and six bent poses; an RGB picture."""
-    return contact_sheet([_view(character, *entry) for entry in _POSES], _COLUMNS)
+def draw_character(
+    character: Character, colours: UInt8[np.ndarray, "vertex 3"] | None = None
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Draw two views at rest with the joints, and six bent poses; an RGB picture.
+
+    `colours` of the vertices, such as those of a scan, are shown where they are given.
+    """
+    return contact_sheet([_view(character, colours, *entry) for entry in _POSES], _COLUMNS)
 
 
 def rig_pictures(
@@ -58,22 +63,29 @@ def rig_pictures(
     return cameras
 
 
-def _view(character: Character, label: str, degrees: dict[str, float], turn: float) -> np.ndarray:
-    skeleton = character.skeleton
+def _view(
+    character: Character, colours: np.ndarray | None, label: str, degrees: dict[str, float], turn: float
+) -> np.ndarray:
+    skeleton, faces = character.skeleton, np.asarray(character.faces)
     pose = Pose(jnp.eye(4, dtype=skeleton.axes.dtype), jnp.asarray(_angles(character, degrees)))
     vertices = np.asarray(skin(character, pose), np.float64)
     joints = np.asarray(landmark_positions(skeleton, pose), np.float64)
     intrinsics, cam_from_world = _camera(vertices, turn)
+    image = np.full((_SIZE[1], _SIZE[0], 3), _PAPER, np.uint8)
+    if colours is not None:
+        ids = paint_face_ids(vertices, faces, intrinsics, cam_from_world, _SIZE)
+        shade = face_colours(vertices, faces, cam_from_world, (255, 255, 255)) / 255.0
+        image[ids >= 0] = (shade * colours[faces].mean(1))[ids[ids >= 0]]
     return draw_overlay(
-        np.full((_SIZE[1], _SIZE[0], 3), _PAPER, np.uint8),
+        image,
         vertices,
-        np.asarray(character.faces),
+        faces,
         intrinsics,
         cam_from_world,
         joints=joints,
         joint_names=skeleton.landmark_names,
         label=label,
-        style=OverlayStyle(opacity=0.85, contour=0, bones=0 if degrees else 1),
+        style=OverlayStyle(opacity=0.85 if colours is None else 0.0, contour=0, bones=0 if degrees else 1),
     )
 
 

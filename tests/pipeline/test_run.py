@@ -82,7 +82,7 @@ def done(monkeypatch, motion) -> list[str]:
 
     def scan(video, **options):
         names.append("scan")
-        return SimpleNamespace(rigged=SimpleNamespace(character=body(options["height"])))
+        return SimpleNamespace(rigged=SimpleNamespace(character=body(options["height"])), colours=None)
 
     def select(capture, within):
         names.append("selected frames")
