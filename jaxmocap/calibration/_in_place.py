@@ -143,9 +143,11 @@ def scale_cameras(path: str | Path, factor: float, *, progress: Report = lambda 
 
     `path` is a capture folder or its `capture.toml`. The scaled model becomes a new folder in it, which `cameras` names
     then, with the reports of `calibrate` where there are any, their lengths scaled alike; the old cameras stay on disk.
-    Returns the new folder. Raises `InputError`, with nothing changed, where the cameras are not a COLMAP model as
-    `calibrate` writes it, or the folder cannot be written to.
+    Returns the new folder. Raises `InputError`, with nothing changed, where the factor is no positive number, the
+    cameras are not a COLMAP model as `calibrate` writes it, or the folder cannot be written to.
     """
+    if not (np.isfinite(factor) and factor > 0):
+        raise InputError(f"the factor to scale cameras by is {factor:g}; a positive number was expected")
     file = refuse_named_cameras(path, replace=True)
     capture = Capture.open(file)
     source = capture.cameras_path
@@ -172,6 +174,11 @@ def scale_cameras(path: str | Path, factor: float, *, progress: Report = lambda 
             picture.write_bytes(png_bytes(draw_cameras(Capture.open(file))))
     except OSError as error:
         raise InputError(f"{folder} cannot be written: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{source}: {' and '.join(_REPORTS)} are not what calibrate writes ({type(error).__name__}: {error}); "
+            f"remove them, or run jaxmocap calibrate {file.parent} --replace"
+        ) from error
     return folder
 
 

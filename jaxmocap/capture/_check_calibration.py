@@ -157,7 +157,8 @@ def _world(record: dict[str, Any], folder: str, has_picture: bool) -> Iterator[F
     if doubtful and scale["from"] == "height" and deviation < _LARGEST_HEIGHT_SCALE:
         doubtful, more = (
             False,
-            ", since limbs of people of one height differ; an actor or --camera-distance tell it better",
+            ", since limbs of people of one height differ; an actor, --camera-distance or fit-character "
+            "--scale-cameras tell it better",
         )
     elif doubtful:
         more = "; more frames with keypoints make it surer, or --camera-distance with a measured length"

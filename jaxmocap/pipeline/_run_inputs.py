@@ -122,7 +122,8 @@ class RunInputs:
     def scale_from_height(self) -> bool:
         """Tell whether the person's height is all that tells the scale of the cameras, which are of this run."""
         found = self.calibration()
-        if found is None or self.options.height is None:
+        own = self.config().cameras == self.record.made("calibrate")
+        if found is None or not own or self.options.height is None:
             return False
         return found["scale"]["from"] in ("height", "height and outlines")
 

@@ -83,6 +83,21 @@ def test_cameras_of_another_form_are_refused_and_stay(film):
     assert sorted(film.rglob("*")) == before
 
 
+@pytest.mark.parametrize("factor", [0.0, -1.0, float("nan")])
+def test_what_scales_nothing_is_refused(factor, film):
+    with pytest.raises(jm.InputError, match="a positive number was expected"):
+        jm.scale_cameras(film, factor)
+
+
+def test_reports_that_somebody_spoilt_are_named_and_nothing_changes(film):
+    (film / "found" / "uncertainty.json").write_text("{}")
+    before = sorted(film.rglob("*"))
+    with pytest.raises(jm.InputError, match=r"are not what calibrate writes \(KeyError"):
+        jm.scale_cameras(film, 0.9)
+    assert sorted(film.rglob("*")) == before
+    assert 'cameras = "found"' in (film / "capture.toml").read_text()
+
+
 def test_the_command_needs_the_height_that_tells_the_scale(film, tmp_path, capsys):
     out = tmp_path / "fitted.glb"
     assert run(["fit-character", str(film), "--scale-cameras", "--out", str(out)]) == 2

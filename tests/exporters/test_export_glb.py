@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import project
-from jaxmocap.character import Character
+from jaxmocap.character import Character, Document
 from jaxmocap.exporters import export
 from jaxmocap.motion import Motion
 
@@ -141,3 +141,14 @@ def replace_height(character: Character, factor: float) -> Character:
 def test_the_exported_file_is_an_actor_like_the_one_it_came_from(motion, tmp_path):
     again = Character.load(export(motion, tmp_path / "dance.glb"))
     np.testing.assert_allclose(again.vertices, motion.character.vertices, atol=1e-6)
+
+
+def test_colours_in_the_actor_s_file_are_kept(motion, tmp_path):
+    colours = np.random.default_rng(0).integers(0, 256, motion.character.vertices.shape).astype(np.uint8)
+    own = motion.character.save_glb(tmp_path / "own.glb", colours)
+    before, after = (Document(file) for file in (own, export(motion, tmp_path / "dance.glb", actor=own)))
+    found = [
+        document.array(document.content["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"])
+        for document in (before, after)
+    ]
+    np.testing.assert_array_equal(*found)

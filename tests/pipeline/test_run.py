@@ -182,6 +182,10 @@ def test_cameras_that_are_scaled_with_the_body_are_not_taken_for_a_change_by_han
     said.clear()
     assert again(videos, out, say=said.append)[1] == []
     assert not any("by hand" in sentence for sentence in said)
+    toml = out / "capture" / "capture.toml"
+    toml.write_text(toml.read_text().replace('"cameras-2"', '"cameras"'))
+    assert "body" in again(videos, out)[1]
+    assert factors == [0.97]  # nor are cameras that somebody chose scaled
     again(videos, tmp_path / "measured", camera_distance=2.0)
     assert factors == [0.97]  # a distance that was measured stands
 
