@@ -96,7 +96,7 @@ def test_the_side_a_single_view_shows_is_found(world, solve):
     for turn in (0.5, 2.0, 3.5, 5.0):
         true = retract(skeleton, base, jnp.zeros(39).at[4].set(turn))
         pose, _ = solve([keypoints_of(world, true)[0], None])
-        ahead = np.asarray(pose.root[:3, :3]) @ true.root[:3, :3].T
+        ahead = np.asarray(pose.root[:3, :3]) @ np.asarray(true.root[:3, :3]).T
         assert np.degrees(np.arccos(np.clip((np.trace(ahead) - 1) / 2, -1, 1))) < 45, turn
 
 
