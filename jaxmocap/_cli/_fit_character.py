@@ -57,13 +57,20 @@ def fit_character(
         generic, held = scaled(generic, BodyShape.of(float(np.log(height / stature(generic))))), None
     with progress() as report:
         fit = fit_character(opened, opened.cameras, generic, at or None, height=held, progress=report)
-        if scale_cameras and height is not None:
-            fit = fit.scaled_to(height)
-            cameras = calibration.scale_cameras(capture, fit.camera_scale, progress=report)
-            say(f"The cameras' positions were multiplied by {fit.camera_scale:.3f}, in {cameras}.")
+    if scale_cameras and height is not None:
+        if not fit.num_masks:
+            raise InputError(
+                f"capture '{opened.name}' has no mask at frames {', '.join(map(str, fit.poses))}, and only outlines "
+                f"tell the cameras' scale; find some (jaxmocap segment {opened.folder} --out outlines), put them into "
+                "the capture and name them as masks, or let jaxmocap run do it all; nothing was changed."
+            )
+        fit = fit.scaled_to(height)
     out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(out) as temporary:
         fit.character.save_glb(temporary)
+        if scale_cameras:
+            cameras = calibration.scale_cameras(capture, fit.camera_scale)
+            say(f"The cameras' positions were multiplied by {fit.camera_scale:.3f}, in {cameras}.")
     record = fit_record(fit, generic)
     show({"out": out, **record}, lambda: _table(record, out), json_wanted=json)
     return 0

@@ -199,3 +199,14 @@ def test_frames_seen_by_one_camera_do_not_count(capture_of, generic):
         (Path(capture.folder) / "keypoints" / f"cam2_{frame:05d}_keypoints.json").unlink()
     with pytest.raises(InputError, match="2 of the 5 frames"):
         fit_character(capture, capture.cameras, generic)
+
+
+@pytest.mark.slow
+def test_without_outlines_cameras_are_not_scaled_and_nothing_is_written(capture, tmp_path, capsys):
+    before = sorted(Path(capture.folder).rglob("*"))
+    out = tmp_path / "fitted.glb"
+    arguments = ["fit-character", capture.folder, "--height", "1.7", "--scale-cameras", "--out", out]
+    assert run([str(argument) for argument in arguments]) == 2
+    assert "has no mask at frames 0, 1, 2, 3, 4, and only outlines tell" in capsys.readouterr().err
+    assert not out.exists()
+    assert sorted(Path(capture.folder).rglob("*")) == before
