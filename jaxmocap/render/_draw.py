@@ -11,12 +11,14 @@ from jaxtyping import Array, Int
 
 from ._expand import Driver, best_driver, look_up
 from ._keys import WINDOW, KeyLayout
-from ._windows import WindowList, planned_windows
+from ._windows import WindowList, opaque_zero, planned_windows, rounded
 
 _AT_ONCE = 512  # windows that are planned together before they are drawn in turn
 
 
-def _window_keys(planes: tuple[Array, ...], face: Int[Array, ""], layout: KeyLayout) -> Int[Array, "8 8 1"]:
+def _window_keys(
+    planes: tuple[Array, ...], face: Int[Array, ""], layout: KeyLayout, zero: Int[Array, ""]
+) -> Int[Array, "8 8 1"]:
     """Compute the keys of a face in a window, 0 where it is not.
 
     The last axis is there for XLA on a CPU: it unrolls the innermost loop, and of two loops the columns would be
@@ -24,7 +26,9 @@ def _window_keys(planes: tuple[Array, ...], face: Int[Array, ""], layout: KeyLay
     """
     lane_x = jnp.arange(WINDOW, dtype=jnp.float32)[None, :, None]
     lane_y = jnp.arange(WINDOW, dtype=jnp.float32)[:, None, None]
-    first, second, level = (c + a * lane_x + b * lane_y for a, b, c in (planes[:3], planes[3:6], planes[6:]))
+    first, second, level = (
+        c + rounded(a * lane_x, zero) + rounded(b * lane_y, zero) for a, b, c in (planes[:3], planes[3:6], planes[6:])
+    )
     inside = (first >= 0) & (second >= 0) & (1.0 - first - second >= 0)
     bounded = jnp.clip(level, 1.0, layout.depth_levels + 1.0).astype(jnp.int32)
     return jnp.where(inside, (bounded << layout.id_bits) | face, 0)
@@ -59,6 +63,7 @@ def draw_one_by_one(
     capacity = listed.item.shape[0]
     at_once = min(_AT_ONCE, capacity)
     missing = -capacity % at_once
+    zero = opaque_zero(listed)
     items, ranks = (jnp.pad(values, (0, missing)) for values in (listed.item, listed.rank))
 
     def some(chunk: Array, keys: Array) -> Array:
@@ -71,7 +76,7 @@ def draw_one_by_one(
             planes, column, row, face = jax.tree.map(lambda values: look_up(values, i), windows)
             corner = (row + first_row, column, jnp.zeros((), row.dtype))
             old = lax.dynamic_slice(keys, corner, (WINDOW, WINDOW, 1))
-            return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(planes, face, layout)), corner)
+            return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(planes, face, layout, zero)), corner)
 
         return lax.fori_loop(0, jnp.minimum(listed.count - first, at_once), one, keys)
 
@@ -87,7 +92,8 @@ def draw_scatter(
 ) -> Int[Array, "padded_height padded_width *one"]:
     """Draw all windows at once by a scatter of maxima: the form for `vmap` on a GPU or TPU. Same keys, same bits."""
     windows = planned_windows(listed, listed.item, listed.rank)
-    keys = jax.vmap(lambda planes, face: _window_keys(planes, face, layout)[..., 0])(windows.planes, windows.face)
+    zero = opaque_zero(listed)
+    keys = jax.vmap(lambda planes, face: _window_keys(planes, face, layout, zero)[..., 0])(windows.planes, windows.face)
     live = (jnp.arange(listed.item.shape[0]) < listed.count)[:, None, None]
     lanes = jnp.arange(WINDOW)
     index_x = windows.column[:, None, None] + lanes[None, None, :]

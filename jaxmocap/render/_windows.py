@@ -87,10 +87,21 @@ def corner_places(points: Complex[Array, "vertex"], faces: Sequence[Int[Array, "
     return tuple(jnp.real(corner) for corner in corners), tuple(jnp.imag(corner) for corner in corners)
 
 
-def doubled_area(places: Places) -> Float[Array, "face"]:
-    """Compute twice the area of every face on the screen, negative for front faces."""
+def rounded(product: Float[Array, "*n"], zero: Int[Array, ""] | None) -> Float[Array, "*n"]:
+    """Keep a product apart from the sum it goes into, by a zero of which no compiler can know that it is one.
+
+    Compilers make one multiply-add of the two, or leave them, as suits each program; the last bit would follow.
+    """
+    if zero is None:
+        return product
+    return lax.bitcast_convert_type(lax.bitcast_convert_type(product, jnp.int32) ^ zero, jnp.float32)
+
+
+def doubled_area(places: Places, zero: Int[Array, ""] | None = None) -> Float[Array, "face"]:
+    """Compute twice the area of every face on the screen, negative for front faces; by `zero` the same in every
+    program (see `rounded`)."""
     (ax, bx, cx), (ay, by, cy) = places
-    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    return rounded((bx - ax) * (cy - ay), zero) - rounded((by - ay) * (cx - ax), zero)
 
 
 class _Setup(NamedTuple):
@@ -106,7 +117,7 @@ class _Setup(NamedTuple):
     drawn: Bool[Array, "n"]
 
 
-def _set_up(places: Places, height: int, width: int) -> _Setup:
+def _set_up(places: Places, height: int, width: int, zero: Int[Array, ""] | None = None) -> _Setup:
     (low_x, high_x), (low_y, high_y) = (
         (jnp.minimum(jnp.minimum(a, b), c), jnp.maximum(jnp.maximum(a, b), c)) for a, b, c in places
     )
@@ -115,7 +126,7 @@ def _set_up(places: Places, height: int, width: int) -> _Setup:
     hit = (last_x >= 0) & (last_y >= 0) & (start_x <= width - 1) & (start_y <= height - 1)
     hit &= (last_x >= start_x) & (last_y >= start_y)
     moved = (tuple(x - start_x for x in places[0]), tuple(y - start_y for y in places[1]))
-    area = doubled_area(moved)
+    area = doubled_area(moved, zero)
     drawn = near & hit & (area < -1e-8)
 
     def whole(value: Array) -> Array:
@@ -169,25 +180,36 @@ def window_list(
     return listed, places
 
 
+def opaque_zero(listed: WindowList) -> Int[Array, ""]:
+    """Make the zero of `rounded`, from the number of windows."""
+    return jnp.minimum(listed.count, 0)
+
+
 def planned_windows(listed: WindowList, item: Int[Array, "n"], rank: Int[Array, "n"]) -> Windows:
     """Compute the planes of some windows from the corners of each one's face."""
     of_item = lax.optimization_barrier(tuple(look_up(vertices, item) for vertices in listed.faces))
     level = lax.optimization_barrier(tuple(look_up(listed.levels, vertex) for vertex in of_item))
     number = look_up(listed.numbers, item)
-    face = _set_up(corner_places(listed.points, of_item), *listed.size)
+    zero = opaque_zero(listed)
+    face = _set_up(corner_places(listed.points, of_item), *listed.size, zero)
     (ax, bx, cx), (ay, by, cy) = face.places
     inv_area = jnp.where(face.drawn, 1.0 / jnp.where(face.drawn, face.area, -1.0), 0.0)
     a0, b0 = -(cy - by) * inv_area, (cx - bx) * inv_area
     a1, b1 = -(ay - cy) * inv_area, (ax - cx) * inv_area
-    c0, c1 = jnp.where(face.drawn, -(a0 * bx + b0 * by), -1.0), -(a1 * cx + b1 * cy)  # empty if rounding says so
     d0, d1 = level[0] - level[2], level[1] - level[2]
-    az, bz, cz = a0 * d0 + a1 * d1, b0 * d0 + b1 * d1, c0 * d0 + c1 * d1 + level[2]
+
+    def sum_of(a: Array, x: Array, b: Array, y: Array) -> Array:
+        return rounded(a * x, zero) + rounded(b * y, zero)
+
+    c0 = jnp.where(face.drawn, -sum_of(a0, bx, b0, by), -1.0)  # empty if rounding says so
+    c1 = -sum_of(a1, cx, b1, cy)
+    az, bz, cz = sum_of(a0, d0, a1, d1), sum_of(b0, d0, b1, d1), sum_of(c0, d0, c1, d1) + level[2]
 
     (first_x, first_y), (skip_x, skip_y), across = face.first, face.skip, jnp.maximum(face.across, 1)
     step_y = ((rank.astype(jnp.float32) + 0.5) / across.astype(jnp.float32)).astype(jnp.int32)  # exact below 2^22
     offset_x, offset_y = (skip_x + rank - step_y * across) * WINDOW, (skip_y + step_y) * WINDOW
     fx, fy = lax.optimization_barrier((offset_x.astype(jnp.float32), offset_y.astype(jnp.float32)))
-    planes = (a0, b0, c0 + a0 * fx + b0 * fy, a1, b1, c1 + a1 * fx + b1 * fy, az, bz, cz + az * fx + bz * fy)
+    c0, c1, cz = (c + sum_of(a, fx, b, fy) for a, b, c in ((a0, b0, c0), (a1, b1, c1), (az, bz, cz)))
     column, row = first_x + offset_x + WINDOW, first_y + offset_y + WINDOW
     # Kept apart, one array each: the loop that draws reads them in turn, and a table would have to be written first.
-    return Windows(*lax.optimization_barrier((planes, column, row, number)))
+    return Windows(*lax.optimization_barrier(((a0, b0, c0, a1, b1, c1, az, bz, cz), column, row, number)))

@@ -1,5 +1,7 @@
 """The two drivers, drawing in parts, and overflow: bit for bit."""
 
+import platform
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -70,12 +72,24 @@ def limb(actor):
 
 
 def test_both_drivers_give_the_same_bits(picture):
-    listed = picture.listed()
-    assert 500 < int(listed.count) <= CAPACITY
-    looped = picture.draw(listed)
-    scattered = _scatter(empty_buffer(picture.layout, HEIGHT, WIDTH), listed, picture.layout)
-    np.testing.assert_array_equal(crop(looped), crop(scattered))
-    assert (np.asarray(picture.layout.face(crop(looped))) >= 0).sum() > 2000
+    """In several places, since a depth on the edge between two levels is rare; and compiled for a processor that has no
+    multiply-add, too."""
+    drivers = [_scatter] + [
+        jax.jit(driver, static_argnums=2, compiler_options={"xla_cpu_max_isa": "AVX"})
+        for driver in (draw, draw_scatter)
+        if platform.machine() == "x86_64" and jax.default_backend() == "cpu"
+    ]
+    screen = picture.screen
+    for shift in np.linspace(0.0, 3.0, 8, dtype=np.float32):
+        picture.screen = screen.at[:2].add(shift)
+        listed = picture.listed()
+        assert 500 < int(listed.count) <= CAPACITY
+        looped = crop(picture.draw(listed))
+        assert (np.asarray(picture.layout.face(looped)) >= 0).sum() > 2000
+        for driver in drivers:
+            other = crop(driver(empty_buffer(picture.layout, HEIGHT, WIDTH), listed, picture.layout))
+            np.testing.assert_array_equal(looped, other)
+    picture.screen = screen
 
 
 def test_both_drivers_give_the_same_bits_over_a_buffer_that_holds_something(picture, limb):
@@ -122,9 +136,8 @@ def test_windows_stay_inside_the_border(picture):
 
 
 @pytest.mark.parametrize("picture", [ORIGINS["whole body"]], indirect=True)
-def test_mapping_over_particles_sees_the_same_faces_as_one_at_a_time(picture):
-    """What a search does: poses one after the other by `lax.map`, or all at once by `vmap` of the scatter. Compiled
-    apart, the two may round a depth to neighbouring levels."""
+def test_mapping_over_particles_gives_the_same_bits_as_one_at_a_time(picture):
+    """What a search does: poses one after the other by `lax.map`, or all at once by `vmap` of the scatter."""
     shifts = jnp.array([0.0, 3.3, -8.7])
 
     def keys(shift, driver):
@@ -136,11 +149,8 @@ def test_mapping_over_particles_sees_the_same_faces_as_one_at_a_time(picture):
     looped = np.asarray(jax.jit(lambda s: jax.lax.map(lambda one: keys(one, draw), s))(shifts))
     mapped = np.asarray(jax.jit(jax.vmap(lambda one: keys(one, draw_scatter)))(shifts))
     alone = crop(picture.draw(picture.listed()))
-    for first, second in ((looped, mapped), (looped[0], np.asarray(alone))):
-        assert np.mean(first != second) < 1e-4
-        np.testing.assert_array_equal(picture.layout.face(jnp.asarray(first)), picture.layout.face(jnp.asarray(second)))
-        levels = (first >> picture.layout.id_bits) - (second >> picture.layout.id_bits)
-        assert np.abs(levels).max() <= 1
+    np.testing.assert_array_equal(looped, mapped)
+    np.testing.assert_array_equal(looped[0], alone)
     assert np.any(looped[1] != looped[0])
 
 
