@@ -10,7 +10,7 @@ from typing import Any
 from jaxmocap._cache import code_hash
 from jaxmocap._files import write_json, write_text
 from jaxmocap._results import InputError
-from jaxmocap.pipeline import Failure, on_workers, refuse_without_dask
+from jaxmocap.pipeline import Failure, check_workers, on_workers
 
 from ._perform import perform
 from ._run import Run
@@ -40,7 +40,7 @@ def sweep(
     then be a folder that all of them see. Raises `InputError` when `out` holds runs of other code: figures of two
     versions are never mixed, and, with nothing written, where Dask is needed and not installed.
     """
-    refuse_without_dask(workers, scheduler)
+    check_workers(workers, scheduler)
     _refuse_other_code(out)
     captures = out / CAPTURES if captures is None else captures
     for folder in (out / RUNS, out / MOTIONS, captures):

@@ -35,6 +35,6 @@ from ._track_capture import (
 )
 from ._workers import (
     Failure as Failure,
+    check_workers as check_workers,
     on_workers as on_workers,
-    refuse_without_dask as refuse_without_dask,
 )

@@ -47,9 +47,10 @@ def on_workers(
     `scheduler` is the address or scheduler file of a Dask cluster that is running, on several machines say. `died`
     stands in for `call` where processes were killed over an item, or where a call raises there.
 
-    Raises `InputError` where Dask is needed and not installed and, with the first result, where no scheduler answers.
+    Raises `InputError` for a number of workers below 0, where Dask is needed and not installed and, with the first
+    result, where no scheduler answers.
     """
-    refuse_without_dask(workers, scheduler)
+    check_workers(workers, scheduler)
     distributed = _dask()
     workers = (os.cpu_count() or 1) // 4 if workers is None else workers
     if distributed is None or (scheduler is None and (workers < 2 or len(items) < 2)):
@@ -73,8 +74,10 @@ def _shared(
             yield future.result() if error is None else died(sent[future], error)
 
 
-def refuse_without_dask(workers: int | None, scheduler: str | None) -> None:
-    """Raise `InputError` where several `workers`, or a `scheduler`, are asked for and Dask is not installed."""
+def check_workers(workers: int | None, scheduler: str | None) -> None:
+    """Raise `InputError` for a number of workers below 0, and where Dask is needed and not installed."""
+    if workers is not None and workers < 0:
+        raise InputError(f"the number of workers is {workers}; give 0 or more.")
     if ((workers or 0) > 1 or scheduler is not None) and _dask() is None:
         raise InputError(
             "several workers need Dask, which is not installed; run pip install 'jaxmocap[cluster]', or leave "

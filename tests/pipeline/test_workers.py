@@ -24,6 +24,11 @@ def test_without_workers_calls_are_done_in_order_when_they_are_asked_for():
     assert list(shared) == [-1, -2, -5]
 
 
+def test_less_than_no_workers_are_refused():
+    with pytest.raises(InputError, match="the number of workers is -2; give 0 or more"):
+        on_workers(squared, [1, 2], lambda *_: 0, workers=-2)
+
+
 def test_a_call_that_kills_its_process_stops_no_other():
     distributed = pytest.importorskip("distributed")
     dask = pytest.importorskip("dask")
