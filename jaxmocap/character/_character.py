@@ -1,10 +1,12 @@
 """The actor: a mesh bound to a skeleton (Sec. 3.1), and the same with fewer faces."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import trimesh
 from jaxtyping import Array, Float, Int, UInt8
@@ -16,14 +18,23 @@ from ._read_skin import RawSkin
 from ._skeleton import Skeleton
 
 
+def _scalar(value: float | Array) -> Array:
+    return jnp.asarray(value, float)
+
+
 class Character(eqx.Module):
-    """A closed triangle mesh in its rest pose, with its skeleton and dense skinning weights whose rows sum to 1."""
+    """A closed triangle mesh in its rest pose, with its skeleton and dense skinning weights whose rows sum to 1.
+
+    `misfit` is how far its joints are from the person's, metres along each axis, standard deviation: 0 of a scan, more
+    of a body made to measure.
+    """
 
     name: str = eqx.field(static=True)
     skeleton: Skeleton
     vertices: Float[Array, "vertex 3"]
     faces: Int[Array, "face 3"]
     weights: Float[Array, "vertex bone"]
+    misfit: Float[Array, ""] = eqx.field(default=0.0, converter=_scalar)
 
     @classmethod
     def load(
@@ -105,8 +116,11 @@ def simplify(character: Character, num_faces: int) -> tuple[Character, Int[np.nd
     share /= share.sum(1, keepdims=True)
     weights = np.einsum("vk,vkb->vb", share, np.asarray(character.weights)[index]).astype(np.float32)
     _, nearest = KDTree(points[triangles].mean(1)).query(vertices[faces].mean(1))
-    simple = Character(
-        character.name, character.skeleton, jax.device_put(points), jax.device_put(triangles), jax.device_put(weights)
+    simple = replace(
+        character,
+        vertices=jax.device_put(points),
+        faces=jax.device_put(triangles),
+        weights=jax.device_put(weights),
     )
     return simple, np.asarray(nearest)
 
@@ -126,10 +140,9 @@ def filled_up(character: Character) -> Character:
     if more_faces == more_vertices == 0:
         return character
     copied = int(weights[:, 0].argmax())
-    return Character(
-        character.name,
-        character.skeleton,
-        jax.device_put(np.concatenate([vertices, np.repeat(vertices[copied][None], more_vertices, axis=0)])),
-        jax.device_put(np.concatenate([faces, np.full((more_faces, 3), copied, faces.dtype)])),
-        jax.device_put(np.concatenate([weights, np.repeat(weights[copied][None], more_vertices, axis=0)])),
+    return replace(
+        character,
+        vertices=jax.device_put(np.concatenate([vertices, np.repeat(vertices[copied][None], more_vertices, axis=0)])),
+        faces=jax.device_put(np.concatenate([faces, np.full((more_faces, 3), copied, faces.dtype)])),
+        weights=jax.device_put(np.concatenate([weights, np.repeat(weights[copied][None], more_vertices, axis=0)])),
     )

@@ -1,6 +1,7 @@
 """`Character.load`: from a skinned glTF file or a body model to a clean mesh in the rest frame on our skeleton."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ from ._body_model import BodyModel
 from ._build import build_skeleton
 from ._dof_table import BODIES, Arm
 from ._gltf import Document
-from ._map_joints import Source, map_joints
+from ._map_joints import Source, map_joints, saved_misfit
 from ._read_skin import RawSkin, read_skin
 from ._rig import rest_frame
 
@@ -64,9 +65,10 @@ def character_from_skin(
     height = float(np.ptp(vertices[:, 1]))
     _check_height(document, height)
     try:
-        return character_from_mesh(kind, name, vertices, faces, weights, places, arm)
+        made = character_from_mesh(kind, name, vertices, faces, weights, places, arm)
     except InputError as error:
         document.fail(str(error).rstrip("."))
+    return replace(made, misfit=saved_misfit(raw))
 
 
 def character_from_mesh(

@@ -191,3 +191,9 @@ def _saved_landmarks(raw: RawSkin) -> dict[str, np.ndarray] | None:
         return None
     stand = [raw.joint_places[raw.joint_names.index(body)] - places[joint] for body, _, joint in BODIES]
     return places if np.all(np.abs(stand) < 1e-4) else None
+
+
+def saved_misfit(raw: RawSkin) -> float:
+    """Read the misfit `save_glb` left in the file, metres; 0 where there is none."""
+    saved = raw.extras.get("jaxmocap_misfit") if isinstance(raw.extras, dict) else None
+    return float(saved) if isinstance(saved, int | float) and 0 <= saved < 1 else 0.0

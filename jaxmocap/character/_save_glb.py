@@ -65,7 +65,8 @@ def glb_bytes(document: Mapping[str, Any], binary: bytes) -> bytes:
 def save_glb(character: "Character", path: Path, colours: UInt8[np.ndarray, "vertex 3"] | None = None) -> Path:
     """Write one mesh and one skin, a joint per body standing at rest, as many sets of four weights as the mesh needs.
 
-    Landmarks, the joints' exact places and a capsule per bone go into the skin's `extras`, which other programs ignore.
+    Landmarks, the joints' exact places, their misfit and a capsule per bone go into the skin's `extras`, which other
+    programs ignore.
     `colours` of the vertices, sRGB, are written as glTF has them, linear, with a material that does not shine.
     """
     skeleton = character.skeleton
@@ -99,7 +100,11 @@ def save_glb(character: "Character", path: Path, colours: UInt8[np.ndarray, "ver
                 "joints": list(range(len(joints))),
                 "skeleton": 0,
                 "inverseBindMatrices": binds,
-                "extras": {"jaxmocap_landmarks": landmarks, "jaxmocap_capsules": _capsules(character)},
+                "extras": {
+                    "jaxmocap_landmarks": landmarks,
+                    "jaxmocap_capsules": _capsules(character),
+                    "jaxmocap_misfit": round(float(character.misfit), 6),
+                },
             }
         ],
         **writer.tables(),

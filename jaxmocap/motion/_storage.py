@@ -16,6 +16,7 @@ radians, seconds, pixels.
     energy_terms (E,)            names; each is an array energy_<name> (T,), NaN where not evaluated
     covariance (T, J, 3, 3)      of each joint's place in the world, square metres; only where it is known
     character_name (), vertices (V, 3), faces (F, 3), weights (V, B)                        the mesh at rest, Eq. 1
+    misfit ()                    of the character's joints, metres
     body_names, body_parents (B,), dof_body, dof_lower, dof_upper (A,), dof_axes, dof_origins (A, 3)
     group_names (G,), group_sizes (G,), group_dofs (sum of sizes,)                          degrees of freedom by limb
     dof_spread (D,), distal_dofs, posture_dofs                                              how a search treats them
@@ -152,7 +153,12 @@ def _arrays(motion: Motion) -> dict[str, np.ndarray]:
     arrays |= {"energy_terms": np.array(list(motion.energy), dtype=np.str_)}
     arrays |= {f"energy_{name}": values for name, values in motion.energy.items()}
     arrays |= {"character_name": character.name, "vertices": character.vertices, "faces": character.faces}
-    arrays |= {"weights": character.weights, "body_names": skeleton.body_names, "body_parents": skeleton.parents}
+    arrays |= {
+        "weights": character.weights,
+        "misfit": character.misfit,
+        "body_names": skeleton.body_names,
+        "body_parents": skeleton.parents,
+    }
     arrays |= {"dof_body": skeleton.dof_body, "dof_axes": skeleton.axes, "dof_origins": skeleton.origins}
     arrays |= {"dof_lower": skeleton.lower, "dof_upper": skeleton.upper}
     arrays |= {"group_names": [name for name, _ in skeleton.groups]}
@@ -179,6 +185,7 @@ def _arrays(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def _motion(arrays: dict[str, np.ndarray]) -> Motion:
+    arrays = {"misfit": np.zeros((), np.float32), **arrays}  # which older results do not hold
     sizes = [int(size) for size in arrays["group_sizes"]]
     starts = np.cumsum([0, *sizes])
     dofs = _integers(arrays["group_dofs"])
@@ -212,6 +219,7 @@ def _motion(arrays: dict[str, np.ndarray]) -> Motion:
         vertices=jax.device_put(arrays["vertices"]),
         faces=jax.device_put(arrays["faces"]),
         weights=jax.device_put(arrays["weights"]),
+        misfit=jax.device_put(arrays["misfit"]),
     )
     _check_character(arrays)
     cameras = None
@@ -246,11 +254,11 @@ def _check_character(arrays: dict[str, np.ndarray]) -> None:
     expected = {"vertices": (vertices, 3), "faces": (faces, 3), "weights": (vertices, bodies)}
     expected |= {"body_parents": (bodies,), "dof_axes": (dofs, 3), "dof_origins": (dofs, 3)}
     expected |= {"dof_lower": (dofs,), "dof_upper": (dofs,), "dof_names": (dofs + ROOT_DOFS,)}
-    expected |= {"landmark_bodies": (joints,), "landmarks": (joints, 3)}
+    expected |= {"landmark_bodies": (joints,), "landmarks": (joints, 3), "misfit": ()}
     for name, shape in expected.items():
         if arrays[name].shape != shape:
             raise InputError(f"{name} has shape {arrays[name].shape}; {shape} was expected.")
-    for name in ("vertices", "weights", "dof_axes", "dof_origins", "dof_lower", "dof_upper", "landmarks"):
+    for name in ("vertices", "weights", "misfit", "dof_axes", "dof_origins", "dof_lower", "dof_upper", "landmarks"):
         if not np.isfinite(arrays[name]).all():
             raise InputError(f"{name} holds a number that is not finite.")
     parents = arrays["body_parents"]

@@ -32,6 +32,7 @@ class CharacterFitSettings:
         mask_refiner: the same after every tie to the masks, which moves the body a little.
         pose_refiner: solves for the poses alone.
         surface: moves the surface to the masks' outlines at last; None leaves it to lengths and girths.
+        misfit: of the fitted character (`Character.misfit`), metres: about what three films with true joints ask for.
     """
 
     prior: ShapePrior = field(default_factory=ShapePrior)
@@ -43,6 +44,7 @@ class CharacterFitSettings:
     mask_refiner: AbstractRefiner = field(default_factory=lambda: _levenberg_marquardt(20))
     pose_refiner: AbstractRefiner = field(default_factory=Shooting)
     surface: SurfaceSettings | None = field(default_factory=SurfaceSettings)
+    misfit: float = 0.01
 
 
 @dataclass(frozen=True)

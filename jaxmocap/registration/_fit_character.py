@@ -131,7 +131,7 @@ def fit_character(
     found = problem.unknowns(vector)
     shape = BodyShape(found.shape.height + grown, found.shape.lengths, found.shape.girths)
     return CharacterFit(
-        character=fitted,
+        character=replace(fitted, misfit=settings.misfit),
         height=tall,
         shape=shape,
         poses=dict(zip(chosen, poses, strict=True)),

@@ -163,7 +163,7 @@ def motion_of(
         moments,
         confidence=judged.confidence,
         status=judged.status,
-        covariance=joint_covariances(character.skeleton, results, confidence=judged.confidence),
+        covariance=joint_covariances(character.skeleton, results, None, judged.confidence, float(character.misfit)),
         energy={name: np.array([result.energy.get(name, np.nan) for result in results]) for name in terms},
         provenance={
             "seconds_per_frame": float(np.mean(seconds)),

@@ -46,10 +46,12 @@ def joint_covariances(
     results: Sequence[FrameResult],
     settings: UncertaintySettings | None = None,
     confidence: Float[np.ndarray, "frame landmark"] | None = None,
+    misfit: float = 0.0,
 ) -> Float[np.ndarray, "frame landmark 3 3"]:
     """Compute every landmark's covariance in every frame, square metres, world axes: first order around the pose.
 
-    `confidence` is what is left of it once the sequence is judged, by default what each frame alone tells.
+    `confidence` is what is left of it once the sequence is judged, by default what each frame alone tells. `misfit` is
+    the character's, metres.
 
     What the pictures do not tell, an arm behind the body, keeps the deviation it has when free. A frame at which the
     tracking began takes the J^T J of a frame next to it; one that was passed over has none.
@@ -66,7 +68,8 @@ def joint_covariances(
     trusted = [result.confidence for result in results] if confidence is None else confidence
     doubt = 1 - np.stack([np.asarray(row, np.float32) for row in trusted])
     factor = settings.scale * (1 + settings.doubt * doubt)
-    return factor[..., None, None] ** 2 * found + settings.floor**2 * np.eye(3, dtype=np.float32)
+    everywhere = settings.floor**2 + misfit**2
+    return factor[..., None, None] ** 2 * found + everywhere * np.eye(3, dtype=np.float32)
 
 
 def mean_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float[np.ndarray, "frame"] | None:

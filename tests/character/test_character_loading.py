@@ -1,6 +1,7 @@
 """`Character.load` on files of many dialects: names, places, units, orientations, encodings, seams."""
 
 import json
+from dataclasses import replace
 
 import humanoid_glb
 import numpy as np
@@ -31,6 +32,7 @@ def assert_same(a: Character, b: Character, atol: float = 1e-5) -> None:
     np.testing.assert_allclose(a.weights, b.weights, atol=atol)
     np.testing.assert_allclose(a.skeleton.landmarks, b.skeleton.landmarks, atol=atol)
     np.testing.assert_allclose(a.skeleton.axes, b.skeleton.axes, atol=10 * atol)
+    assert float(a.misfit) == pytest.approx(float(b.misfit), abs=1e-6)
 
 
 def test_joints_go_to_the_bodies_they_belong_to(box_figure, humanoid):
@@ -160,6 +162,15 @@ def test_text_gltf_with_a_buffer_beside_it_is_read(tmp_path, box_figure, humanoi
 def test_saved_characters_load_back_unchanged(request, tmp_path, name):
     character = request.getfixturevalue(name)
     assert_same(Character.load(character.save_glb(tmp_path / "saved.glb")), character, atol=1e-7)
+
+
+@pytest.mark.parametrize(("written", "read"), [(0.01, 0.01), (-1, 0), ("wide", 0), (None, 0)])
+def test_the_misfit_of_a_body_made_to_measure_is_saved_with_it(tmp_path, box_figure, written, read):
+    path = replace(box_figure, misfit=0.01).save_glb(tmp_path / "saved.glb")
+    document, binary = humanoid_glb.unpack(path)
+    document["skins"][0]["extras"]["jaxmocap_misfit"] = written
+    loaded = Character.load(humanoid_glb.pack(tmp_path / "changed.glb", document, binary))
+    assert float(loaded.misfit) == pytest.approx(read)
 
 
 def test_saved_file_is_an_ordinary_glb_for_other_programs(tmp_path, actor):

@@ -144,6 +144,14 @@ def test_the_covariance_is_kept_and_follows_the_world(motion, tmp_path):
     assert Motion.load(motion.save(tmp_path / "unsure")).covariance is None
 
 
+def test_the_misfit_of_the_character_is_kept_and_0_in_older_results(motion, tmp_path):
+    made = replace(motion, character=replace(motion.character, misfit=0.01))
+    folder = made.save(tmp_path / "made")
+    assert float(Motion.load(folder).character.misfit) == pytest.approx(0.01)
+    _rewrite(folder, misfit=None)
+    assert float(Motion.load(folder).character.misfit) == 0
+
+
 def test_an_interrupted_write_keeps_the_old_file(tmp_path):
     path = tmp_path / "a.json"
     write_json(path, {"a": 1})

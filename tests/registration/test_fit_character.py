@@ -158,6 +158,7 @@ def test_the_command_writes_the_same_character_and_says_what_it_did(capture, fit
     told = json.loads(capsys.readouterr().out)
     assert (told["frames"], told["masks"]) == (list(FRAMES), 0)
     again = Character.load(out)
+    assert float(again.misfit) == pytest.approx(CharacterFitSettings().misfit)
     np.testing.assert_allclose(again.vertices, fitted.character.vertices, atol=2e-4)
     for name, bone in bone_lengths(again.skeleton).items():
         assert told["bones_cm"][name]["fitted"] == pytest.approx(100 * float(bone), abs=0.01)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from jaxmocap.character import Pose, landmark_positions, retract
 from jaxmocap.synthetic import make_actor
@@ -120,6 +121,20 @@ def test_a_hessian_that_is_not_finite_tells_nothing_and_spoils_nothing(skeleton)
     found = joint_covariances(skeleton, [result(skeleton, pose, known), result(skeleton, pose, broken)], PLAIN)
     assert np.isfinite(found).all()
     np.testing.assert_array_equal(found[1], found[0])
+
+
+def test_how_far_a_body_is_from_the_person_is_in_it(skeleton):
+    """With exact pictures, errors of 1 cm along each axis are as large as a misfit of 1 cm says."""
+    pose, rng = pose_of(skeleton), np.random.default_rng(3)
+    known = [result(skeleton, pose, 1e8 * np.eye(39))]
+    away = 0.01 * rng.standard_normal((4000, 3))
+    distances = []
+    for misfit in (0.01, 0.0):
+        covariance = joint_covariances(skeleton, known, UncertaintySettings(floor=0.0), misfit=misfit)[0, 0]
+        distances.append(np.einsum("na,ab,nb->n", away, np.linalg.inv(covariance.astype(float)), away))
+    assert np.mean(distances[0] <= chi2.ppf(0.5, 3)) == pytest.approx(0.5, abs=0.03)
+    assert np.mean(distances[0] <= chi2.ppf(0.9, 3)) == pytest.approx(0.9, abs=0.03)
+    assert np.median(distances[1]) > 100 * np.median(distances[0])
 
 
 def test_it_is_positive_definite_however_little_is_known(skeleton):
