@@ -1,12 +1,13 @@
 """How far a scan is from the surface it shows: the synthetic actor filmed from all around, and a real person.
 
-    python benchmarks/scan.py [--views 8 20 40] [--walk] [--standing ../shared/data/standing]
+    python benchmarks/scan.py [--views 8 20 40] [--sway 0 1 3] [--walk] [--standing ../shared/data/standing]
 
 The synthetic actor stands still between the views of a shaky circle; distances go both ways between its surface and the
 scan, joints are those that `rig` finds. `--walk` films the actor from a shaky circle and scans the video alone, told
-the height: cameras and masks are found, and the scan is laid onto the truth by the cameras' places. Of the real person
-(`--standing`) no surface is known: every second mask, and all but eight, are left out and compared with the scan's
-silhouette. Every figure is a small record as in `stages.py`; `--gate` compares with a committed file.
+the height: cameras and masks are found, and the scan is laid onto the truth by the cameras' places. `--sway`, in
+centimetres at the head, makes the actor sway during a lap of half a minute; the truth is the mean pose. Of the real
+person (`--standing`) no surface is known: every second mask, and all but eight, are left out and compared with the
+scan's silhouette. Every figure is a small record as in `stages.py`; `--gate` compares with a committed file.
 """
 
 import argparse
@@ -27,17 +28,17 @@ from figures import Figure, add_options, finish, record  # noqa: E402
 from scipy.spatial import KDTree  # noqa: E402
 
 from jaxmocap._results import InputError  # noqa: E402
-from jaxmocap.character import Character  # noqa: E402
+from jaxmocap.character import Character, Pose, skin  # noqa: E402
 from jaxmocap.geometry import align_cameras, camera_residuals  # noqa: E402
 from jaxmocap.pipeline._scan_views import read_views  # noqa: E402
 from jaxmocap.rigging import rig  # noqa: E402
 from jaxmocap.scan import Scan, Views, overlaps, reconstruct  # noqa: E402
-from jaxmocap.synthetic import Outfit, Subject, develop, make_actor, make_scene, render_view  # noqa: E402
+from jaxmocap.synthetic import Outfit, Subject, develop, make_actor, make_scene, render_view, stand  # noqa: E402
 from jaxmocap.viewers import open_video  # noqa: E402
 
 SIZE, FOCAL, AWAY, HEIGHT = (540, 960), 1100.0, 2.6, 1.3
 STANDING_HEIGHT = 1.66
-SHAKE, SAMPLES = 0.06, 200_000
+SHAKE, SAMPLES, LAP = 0.06, 200_000, 30.0
 JOINTS = tuple(f"{side}_{joint}" for side in "lr" for joint in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle"))
 
 
@@ -56,28 +57,43 @@ def circle(count: int, shake: np.ndarray) -> np.ndarray:
     return poses
 
 
-def synthetic(views: int, seed: int) -> list[Figure]:
-    """Scan the synthetic actor from so many views, and measure."""
+def swaying(actor: Character, count: int, sway: float, seed: int) -> np.ndarray:
+    """Vertices of the actor who stands on the ground, at `count` moments of a lap; `sway` as in `stand`, metres."""
+    vertices = np.asarray(actor.vertices, float)
+    lift = np.array([0, -vertices[:, 1].min(), 0])
+    if not sway:
+        return np.tile(vertices + lift, (count, 1, 1))
+    poses = stand(actor.skeleton, np.linspace(0, LAP, count), sway, seed)
+    return lift + np.stack(
+        [np.asarray(skin(actor, Pose(*pose)), float) for pose in zip(poses.root, poses.angles, strict=True)]
+    )
+
+
+def synthetic(views: int, seed: int, sway: float = 0.0, compensated: bool = False) -> list[Figure]:
+    """Scan the synthetic actor from so many views, and measure; `compensated`: also with its sway looked for."""
     actor, rng = make_actor(), np.random.default_rng(seed)
     vertices, faces = np.asarray(actor.vertices, float), np.asarray(actor.faces)
     lift = np.array([0, -vertices[:, 1].min(), 0])
     subject = Subject(np.asarray(actor.vertices, np.float32), faces, Outfit.make(seed))
     scene, poses = make_scene(seed), circle(views, rng.standard_normal((views, 6)))
     intrinsics = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]])
-    drawn = [render_view(scene, subject, vertices + lift, intrinsics, pose, SIZE) for pose in poses]
+    moved = swaying(actor, views, sway, seed)
+    drawn = [render_view(scene, subject, *one, SIZE) for one in zip(moved, [intrinsics] * views, poses, strict=True)]
     grey = np.stack([cv2.cvtColor(develop(one.light, rng), cv2.COLOR_RGB2GRAY) for one in drawn])
     masks = np.stack([one.mask for one in drawn])
     seen = Views(grey, masks, np.tile(intrinsics, (views, 1, 1)), poses)
     begin = time.perf_counter()
     found = reconstruct(seen)
-    seconds, hull = time.perf_counter() - begin, reconstruct(seen, rounds=0)
-    label = f"synthetic, {views} views"
+    seconds, scans = time.perf_counter() - begin, {"hull": reconstruct(seen, rounds=0), "scan": found}
+    if compensated:
+        scans["scan with sway"] = reconstruct(seen, swaying=True)
+    label = f"synthetic, {views} views" + (f", sway {100 * sway:g} cm" if sway else "")
     figures = [record(f"{label}: seconds", seconds, "s", 0.5)]
-    return [*figures, *scored(label, {"hull": hull, "scan": found}, actor, lift)]
+    return [*figures, *scored(label, scans, actor, lift)]
 
 
-def walk(seed: int, frames: int = 160) -> list[Figure]:
-    """Film the synthetic actor once around, scan the video, and measure."""
+def walk(seed: int, sway: float = 0.0, uncompensated: bool = False, frames: int = 160) -> list[Figure]:
+    """Film the synthetic actor once around, scan the video, and measure; `uncompensated`: also as if nobody swayed."""
     actor, rng = make_actor(), np.random.default_rng(seed)
     vertices, faces = np.asarray(actor.vertices, float), np.asarray(actor.faces)
     lift = np.array([0, -vertices[:, 1].min(), 0])
@@ -85,16 +101,18 @@ def walk(seed: int, frames: int = 160) -> list[Figure]:
     scene, shake = make_scene(seed), cv2.GaussianBlur(rng.standard_normal((frames, 6)), (1, 0), sigmaX=1, sigmaY=8)
     poses = circle(frames, shake / shake.std())
     intrinsics = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]])
+    moved = swaying(actor, frames, sway, seed)
     with tempfile.TemporaryDirectory() as place:
         video = Path(place) / "walk.mp4"
         with open_video(video, quality=18) as writer:
-            for number, pose in enumerate(poses):
-                drawn = render_view(scene, subject, vertices + lift, intrinsics, pose, SIZE)
+            for number, (body, pose) in enumerate(zip(moved, poses, strict=True)):
+                drawn = render_view(scene, subject, body, intrinsics, pose, SIZE)
                 writer.write(number / 30, develop(drawn.light, rng))
         begin = time.perf_counter()
         names, views = read_views(video, height=float(np.ptp(vertices[:, 1])), say=print)
-    found = reconstruct(views)
+    scans = {"scan": reconstruct(views, swaying=True)}
     seconds, label = time.perf_counter() - begin, f"synthetic walk, {len(names)} views"
+    label += f", sway {100 * sway:g} cm" if sway else ""
     true = poses[[int(name.removeprefix("frame")) for name in names]]
     placed = align_cameras(views.cam_from_world, true)
     away, angle = camera_residuals(placed, views.cam_from_world, true)
@@ -104,7 +122,12 @@ def walk(seed: int, frames: int = 160) -> list[Figure]:
         record(f"{label}: places of the cameras, mean", 100 * float(away.mean()), "cm", 0.2),
         record(f"{label}: directions of the cameras, mean", float(np.degrees(angle).mean()), "deg", 0.2),
     ]
-    return [*figures, *scored(label, {"scan": replace(found, vertices=placed(found.vertices))}, actor, lift)]
+    if scans["scan"].sway is not None:
+        figures.append(record(f"{label}: sway found", 100 * scans["scan"].sway.extent, "cm", 0.2))
+    if uncompensated:
+        scans = {"scan without sway": reconstruct(views), **scans}
+    laid = {name: replace(one, vertices=placed(one.vertices)) for name, one in scans.items()}
+    return [*figures, *scored(label, laid, actor, lift)]
 
 
 def scored(label: str, scans: dict[str, Scan], actor: Character, lift: np.ndarray) -> list[Figure]:
@@ -162,13 +185,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--views", type=int, nargs="*", default=[8, 20, 40])
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--sway", type=float, nargs="*", default=[])
     parser.add_argument("--walk", action="store_true")
     parser.add_argument("--standing", type=Path)
     add_options(parser)
     options = parser.parse_args()
-    figures = [figure for views in options.views for figure in synthetic(views, options.seed)]
+    cases = [(views, sway / 100) for views in options.views for sway in options.sway or [0.0]]
+    figures = [figure for views, sway in cases for figure in synthetic(views, options.seed, sway, bool(options.sway))]
     if options.walk:
-        figures += walk(options.seed)
+        figures += [
+            figure for sway in options.sway or [0.0] for figure in walk(options.seed, sway / 100, bool(options.sway))
+        ]
     if options.standing:
         figures += standing(options.standing)
     return finish(figures, options, seed=options.seed)

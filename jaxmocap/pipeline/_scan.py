@@ -27,7 +27,8 @@ class ScannedActor:
         rigged: the actor that was made of it.
         colours: of the actor's vertices, sRGB, for viewers.
         report: what was found, as JSON knows it: `views`, `left_out`, `widest_gap_degrees` around the person,
-            `overlap` by view, `triangles`, and what `rig` reports.
+            `overlap` by view, `sway_cm` of somebody who was filmed and did not stand quite still, `triangles`, and what
+            `rig` reports.
     """
 
     scan: Scan
@@ -70,7 +71,7 @@ def scan(
     told = {"focal": focal, "weights": weights, "seed": seed, "say": say, "progress": progress}
     names, views = read_views(pictures, cameras, masks, height, **told)
     progress("surface", 0, 1)
-    found = reconstruct(views)
+    found = reconstruct(views, swaying=Path(pictures).is_file())
     progress("surface", 1, 1)
     rigged = rig(
         (found.vertices, found.faces),
@@ -83,9 +84,8 @@ def scan(
     assert rigged.rest_from_file is not None  # a mesh without a skin
     back = np.linalg.inv(rigged.rest_from_file)
     rest = np.asarray(rigged.character.vertices, np.float64)
-    colours = vertex_colours(
-        rest @ back[:3, :3].T + back[:3, 3], np.asarray(rigged.character.faces), views.only(found.used)
-    )
+    confirmed = views._replace(sway=found.sway).only(found.used)
+    colours = vertex_colours(rest @ back[:3, :3].T + back[:3, 3], np.asarray(rigged.character.faces), confirmed)
     left_out = [name for name, used in zip(names, found.used, strict=True) if not used]
     poor = [n for n, share in zip(names, found.overlap, strict=True) if share < POOR and n not in left_out]
     report = {
@@ -93,11 +93,14 @@ def scan(
         "left_out": left_out,
         "widest_gap_degrees": round(widest_gap(views.cam_from_world), 1),
         "overlap": {name: round(float(share), 4) for name, share in zip(names, found.overlap, strict=True)},
+        "sway_cm": None if found.sway is None else round(100 * found.sway.extent, 2),
         "scanned_triangles": len(found.faces),
         **rigged.report,
     }
     if left_out:
         say(f"{', '.join(left_out)}: the mask lacks what the others show, and was left out; look at it.")
+    if found.sway is not None:
+        say(f"The person swayed by {report['sway_cm']:.1f} cm; the surface is that of the mean pose.")
     if poor:
         say(f"{', '.join(poor)}: the surface fits the mask badly; look at mask and camera.")
     if out is not None:

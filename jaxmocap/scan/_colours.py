@@ -30,10 +30,10 @@ def vertex_colours(
     samples, weights = [], []
     for number, drawn in enumerate(draw_views(vertices, faces, views)):
         rotation, translation = drawn.cam_from_world[:3, :3], drawn.cam_from_world[:3, 3]
-        placed = vertices @ rotation.T + translation
+        placed = drawn.vertices @ rotation.T + translation
         pixel = placed @ drawn.intrinsics.T
         pixel = (pixel[:, :2] / pixel[:, 2:]).astype(np.float32)
-        towards = -(rotation.T @ translation) - vertices
+        towards = -(rotation.T @ translation) - drawn.vertices
         cosine = (normals * towards).sum(1) / np.linalg.norm(towards, axis=1)
         shown = _visible(pixel, drawn.ids, faces) & (cosine > _GRAZING)
         shown &= _sampled(inside[number], pixel, drawn.ids.shape) > _INSIDE

@@ -12,6 +12,8 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import View, pixel_rays, project
 from jaxmocap.geometry import face_components, surface_nets
 
+from ._sway import Sway
+
 CHUNK = 1 << 16
 """Points that are looked at in one call."""
 
@@ -37,6 +39,7 @@ class Views(NamedTuple):
         intrinsics: K, pixels; the centre of the first pixel is (0.5, 0.5).
         cam_from_world: poses, metres.
         pictures: the same in colour, RGB, at whatever size; None where nobody asks for colours.
+        sway: how the person moves from view to view, where that is known.
     """
 
     grey: UInt8[np.ndarray, "view height width"]
@@ -44,12 +47,18 @@ class Views(NamedTuple):
     intrinsics: Float[np.ndarray, "view 3 3"]
     cam_from_world: Float[np.ndarray, "view 4 4"]
     pictures: UInt8[np.ndarray, "view h w 3"] | None = None
+    sway: Sway | None = None
 
     def only(self, chosen: Bool[np.ndarray, " view"]) -> "Views":
         """Take some of the views."""
         pictures = None if self.pictures is None else self.pictures[chosen]
+        sway = None if self.sway is None else self.sway.only(chosen)
         poses = self.intrinsics[chosen], self.cam_from_world[chosen]
-        return Views(self.grey[chosen], self.masks[chosen], *poses, pictures)
+        return Views(self.grey[chosen], self.masks[chosen], *poses, pictures, sway)
+
+    def placed(self, points: Float[np.ndarray, "point 3"]) -> list[Float[np.ndarray, "point 3"]]:
+        """Place points of the mean body where they are in each view."""
+        return [points] * len(self.grey) if self.sway is None else list(points + self.sway.moves(points))
 
     @property
     def cameras(self) -> View:
@@ -70,23 +79,26 @@ def mask_distances(masks: Bool[np.ndarray, "view height width"]) -> Float[np.nda
 
 @jax.jit
 def cone_depths(
-    points: Float[Array, "point 3"], distances: Float[Array, "view height width"], view: View
+    points: Float[Array, "point 3"],
+    distances: Float[Array, "view height width"],
+    view: View,
+    moves: Float[Array, "view point 3"] | None = None,
 ) -> Float[Array, "view point"]:
     """Measure by how many metres each point lies inside the cone of each silhouette; negative outside.
 
-    Infinite where a view does not show the point, and so says nothing.
+    Infinite where a view does not show the point, and so says nothing. `moves` is where the point is in each view.
     """
 
-    def one(camera: tuple[Array, Array, Array]) -> Float[Array, " point"]:
-        field, intrinsics, cam_from_world = camera
-        pixels, depth = project(intrinsics, cam_from_world, points)
+    def one(camera: tuple[Array, Array, Array, Array | None]) -> Float[Array, " point"]:
+        field, intrinsics, cam_from_world, moved = camera
+        pixels, depth = project(intrinsics, cam_from_world, points if moved is None else points + moved)
         height, width = field.shape
         column, row = pixels[:, 0] - 0.5, pixels[:, 1] - 0.5
         shown = (depth > 0.05) & (column >= 0) & (row >= 0) & (column <= width - 1) & (row <= height - 1)
         sampled = jax.scipy.ndimage.map_coordinates(field, [row, column], order=1, mode="nearest")
         return jnp.where(shown, sampled * depth / intrinsics[0, 0], jnp.inf)
 
-    return jax.lax.map(one, (distances, view.intrinsics, view.cam_from_world))
+    return jax.lax.map(one, (distances, view.intrinsics, view.cam_from_world, moves))
 
 
 def depth_inside(
@@ -94,6 +106,7 @@ def depth_inside(
     distances: Float[np.ndarray, "view height width"],
     view: View,
     outliers: int = 0,
+    sway: Sway | None = None,
 ) -> Float[np.ndarray, " point"]:
     """Measure by how many metres points lie inside the visual hull, negative outside (host).
 
@@ -103,7 +116,8 @@ def depth_inside(
     for first in range(0, len(points), CHUNK):
         chosen = points[first : first + CHUNK].astype(np.float32)
         padded = np.pad(chosen, ((0, CHUNK - len(chosen)), (0, 0)), mode="edge")
-        depths = np.asarray(cone_depths(jax.device_put(padded), fields, view))[:, : len(chosen)]
+        moves = None if sway is None else jax.device_put(sway.moves(padded).astype(np.float32))
+        depths = np.asarray(cone_depths(jax.device_put(padded), fields, view, moves))[:, : len(chosen)]
         least = np.partition(depths, outliers, axis=0)[outliers]
         shown = np.isfinite(depths).sum(0) >= max(2, SHOWN * len(distances))
         found.append(np.where(shown & np.isfinite(least), least, -1.0))
@@ -128,7 +142,7 @@ def visual_hull(
 
     def outside(points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, " point"]:
         beyond = np.maximum(low - points, points - high).max(1) + cell  # the box closes what the views leave open
-        return np.maximum(beyond, -depth_inside(points, distances, cameras, outliers))
+        return np.maximum(beyond, -depth_inside(points, distances, cameras, outliers, views.sway))
 
     vertices, faces = surface_nets(outside, corners, relaxations=2)
     return _largest_part(vertices, faces.astype(np.int64))
@@ -141,7 +155,7 @@ def _box(
     middle, size = person_place(views)
     axis = np.arange(-AROUND * size, AROUND * size + COARSE, COARSE)
     points = middle + np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    depths = depth_inside(points, distances, views.cameras, outliers)
+    depths = depth_inside(points, distances, views.cameras, outliers, views.sway)
     if not (depths > 0).any():
         raise InputError(
             "the silhouettes have no place in common: the masks show different people, or the cameras are not those of "

@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float, Int
 
 from jaxmocap._results import InputError
 
-from ._hull import Views, visual_hull
+from ._hull import Views, mask_distances, visual_hull
 from ._surface import draw_views, refine_surface
+from ._sway import Sway, estimated, still
 
 FEWEST_VIEWS = 4
 """Below that a hull is no body."""
@@ -21,6 +22,12 @@ lack."""
 LOOK_CELL = 0.02
 """Metres between the points of the grid on which masks are compared."""
 
+CONTRADICT, TURNS = 0.125, 3
+"""Share of the views that may contradict the hull into which a skeleton is laid, and turns in which sway is found."""
+
+NOTICED = 0.01
+"""Metres of sway below which the person counts as standing still: errors of masks that are found look like 0.8 cm."""
+
 
 @dataclass(frozen=True)
 class Scan:
@@ -31,21 +38,26 @@ class Scan:
         faces: counter-clockwise seen from outside; the surface is closed.
         overlap: per view the intersection over union of the surface's silhouette and the mask.
         used: the views whose masks the others confirm.
+        sway: how the person swayed about this surface; None where it was not looked for, or is below `NOTICED`.
     """
 
     vertices: Float[np.ndarray, "vertex 3"]
     faces: Int[np.ndarray, "face 3"]
     overlap: Float[np.ndarray, " view"]
     used: Bool[np.ndarray, " view"]
+    sway: Sway | None = None
 
 
-def reconstruct(views: Views, *, cell: float = 0.01, num_faces: int = 20_000, rounds: int = 3) -> Scan:
+def reconstruct(
+    views: Views, *, cell: float = 0.01, num_faces: int = 20_000, rounds: int = 3, swaying: bool = False
+) -> Scan:
     """Reconstruct the surface of a person who stands still.
 
     The visual hull on a grid of `cell` metres, simplified to about `num_faces` triangles, is refined in `rounds`
     rounds (`refine_surface`); 0 leaves the hull. With six views or more, one whose mask lacks what the others show is
-    left out: a single mask without an arm would carve it off. Raises `InputError` for too few views and for silhouettes
-    with nothing in common.
+    left out: a single mask without an arm would carve it off. `swaying` looks for small motions of the person in views
+    that follow each other in time (`find_sway`). Raises `InputError` for too few views and for silhouettes with nothing
+    in common.
     """
     count = len(views.masks)
     if count < FEWEST_VIEWS:
@@ -53,12 +65,36 @@ def reconstruct(views: Views, *, cell: float = 0.01, num_faces: int = 20_000, ro
             f"{count} views of the person are given; {FEWEST_VIEWS} all around are needed, better 8 or more."
         )
     used = confirmed(views) if count >= FEWEST_VIEWS + 2 else np.ones(count, bool)
+    if swaying:
+        views = views._replace(sway=find_sway(views, used))
     vertices, faces = visual_hull(views.only(used), cell)
     if len(faces) > num_faces:
         mesh = trimesh.Trimesh(vertices, faces, process=False).simplify_quadric_decimation(face_count=num_faces)
         vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     vertices = refine_surface(vertices, faces, views.only(used), rounds)
-    return Scan(vertices, faces, overlaps(vertices, faces, views), used)
+    return Scan(vertices, faces, overlaps(vertices, faces, views), used, views.sway)
+
+
+def find_sway(views: Views, used: Bool[np.ndarray, " view"]) -> Sway | None:
+    """Find how a person sways from view to view, in the order of time, by the outlines of the views that are `used`.
+
+    A skeleton is laid into a hull that some views may contradict, for what sways is carved off otherwise; its motion
+    and the hull of the mean body are found in turns. None for motion that is too small to tell, and where no standing
+    person is found.
+    """
+    count, distances = len(views.masks), mask_distances(views.masks)
+    vertices, faces = visual_hull(views.only(used), LOOK_CELL, outliers=int(CONTRADICT * used.sum()))
+    try:
+        sway = still(vertices, faces, count)
+    except InputError:
+        return None
+    for turn in range(TURNS):
+        if turn:
+            vertices, faces = visual_hull(views._replace(sway=sway).only(used), LOOK_CELL)
+        for _ in range(2):
+            drawn = draw_views(vertices, faces, views._replace(sway=sway))
+            sway = estimated(sway, vertices, faces, drawn, distances, used)
+    return sway if sway.extent > NOTICED else None
 
 
 def overlaps(

@@ -58,8 +58,8 @@ def refine_surface(
     for _ in range(rounds):
         drawn = draw_views(vertices, faces, views)
         normals = vertex_normals(vertices, faces)
-        pulls = [_agreement(vertices, faces, normals, near, views, drawn, *pair) for pair in pairs]
-        pulls += [_outline(vertices, faces, normals, *one) for one in zip(distances, drawn, strict=True)]
+        pulls = [_agreement(faces, normals, near, views, drawn, *pair) for pair in pairs]
+        pulls += [_outline(faces, normals, *one) for one in zip(distances, drawn, strict=True)]
         vertices = vertices + normals * _offsets(vertices, faces, normals, pulls, bending)[:, None]
         vertices = _evened(vertices, faces, laplacian)
     return vertices
@@ -75,11 +75,11 @@ def draw_views(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "
     """Draw the mesh into every view."""
     height, width = views.grey.shape[1:]
     cameras = zip(views.intrinsics, views.cam_from_world, strict=True)
-    points, triangles, corner = vertices.astype(np.float32), faces.astype(np.int32), np.zeros((1, 2), np.int32)
-    drawn = []
-    for intrinsics, cam_from_world in cameras:
+    triangles, corner, drawn = faces.astype(np.int32), np.zeros((1, 2), np.int32), []
+    for placed, (intrinsics, cam_from_world) in zip(views.placed(vertices), cameras, strict=True):
+        points = placed.astype(np.float32)
         ids, _ = face_ids(points, triangles, intrinsics[None], cam_from_world[None], corner, height, width)
-        drawn.append(View(intrinsics, cam_from_world, vertices, np.asarray(ids)[0], (0, 0)))
+        drawn.append(View(intrinsics, cam_from_world, placed, np.asarray(ids)[0], (0, 0)))
     return drawn
 
 
@@ -119,7 +119,6 @@ def _on_surface(
 
 
 def _agreement(
-    vertices: np.ndarray,
     faces: np.ndarray,
     normals: np.ndarray,
     near: np.ndarray,
@@ -135,10 +134,11 @@ def _agreement(
     pixel = np.stack([column, row], axis=-1) + 0.5
     face = view.ids[row, column]
     centre, rays = _rays(view, pixel)
-    point, shares = _on_surface(vertices, faces, face, centre, rays)
+    point, shares = _on_surface(view.vertices, faces, face, centre, rays)
     _, moved = _rays(view, pixel + found.moved[row, column])
     other, others = _rays(source, found.source_pixel[row, column])
-    met = _meeting(centre, moved, other, others)
+    apart = np.einsum("pk,pki->pi", shares, (view.vertices - source.vertices)[faces[face]])
+    met = _meeting(centre, moved, other + apart, others)
     normal = np.einsum("pk,pki->pi", shares, normals[faces[face]])
     offset = np.einsum("pi,pi->p", met - point, normal)
     weight = found.weight[row, column] / (1 + (offset / ROBUST) ** 2) ** 2
@@ -150,20 +150,20 @@ def _meeting(centre: np.ndarray, rays: np.ndarray, other: np.ndarray, others: np
     """Find the points halfway between pairs of rays where they pass each other."""
     apart = other - centre
     aa, bb = np.einsum("pi,pi->p", rays, rays), np.einsum("pi,pi->p", others, others)
-    ab, ad, bd = np.einsum("pi,pi->p", rays, others), rays @ apart, others @ apart
+    ab, ad, bd = (np.einsum("pi,pi->p", *pair) for pair in ((rays, others), (rays, apart), (others, apart)))
     rest = np.maximum(aa * bb - ab**2, 1e-12)
     first, second = (ad * bb - bd * ab) / rest, (ad * ab - bd * aa) / rest
     return 0.5 * (centre + first[:, None] * rays + other + second[:, None] * others)
 
 
-def _outline(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray, distances: np.ndarray, view: View) -> _Pulls:
+def _outline(faces: np.ndarray, normals: np.ndarray, distances: np.ndarray, view: View) -> _Pulls:
     """Pull the mesh's outline in one view to that of the mask."""
     covered = np.pad(view.ids >= 0, 1, mode="edge")
     inner = covered[:-2, 1:-1] & covered[2:, 1:-1] & covered[1:-1, :-2] & covered[1:-1, 2:]
     row, column = np.nonzero((view.ids >= 0) & ~inner)
     face = view.ids[row, column]
     centre, rays = _rays(view, np.stack([column, row], axis=-1) + 0.5)
-    corner = vertices[faces[face]].mean(1)
+    corner = view.vertices[faces[face]].mean(1)
     depth = (corner - centre) @ view.cam_from_world[2, :3].astype(np.float64)
     offset = (distances[row, column] - 0.5) * depth / view.intrinsics[0, 0]
     outward = np.einsum("pi,pi->p", normals[faces[face]].mean(1), rays / np.linalg.norm(rays, axis=1, keepdims=True))

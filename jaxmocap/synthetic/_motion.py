@@ -75,6 +75,19 @@ _SWAY: dict[str, list[tuple[float, float, float]]] = {
 }
 
 
+# Turns while standing, in shares of the angle by which the whole body leans.
+_STANCE = {
+    "root_rx": 0.85,
+    "root_rz": 0.5,
+    "lumbar_axial": 1.0,
+    "lumbar_flex": 0.3,
+    "lumbar_lat": 0.3,
+    "neck_flex": 1.0,
+}
+_STANCE |= {"neck_lat": 0.7, "neck_axial": 1.5, "shoulder_flex": 1.5, "shoulder_abd": 1.5, "elbow_flex": 2.0}
+_SLOW = 0.05  # hertz
+
+
 def dance(skeleton: Skeleton, times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Pose:
     """Perform the routine "dance"."""
     return perform("dance", skeleton, times, scale)
@@ -107,6 +120,37 @@ def perform(routine: Routine, skeleton: Skeleton, times: Float[np.ndarray, "fram
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *poses)
 
 
+def stand(skeleton: Skeleton, times: Float[np.ndarray, "frame"], sway: float, seed: int = 0) -> Pose:
+    """Stand in the rest pose with feet planted and sway as people do, slowly and a little; a leading frame axis.
+
+    The body turns about the ankles like an inverted pendulum, and trunk, head and arms drift. `sway`, metres, is about
+    the standard deviation of the head's place over the `times` (seconds), whose mean pose is the pose at rest.
+    """
+    rng, heights = np.random.default_rng([seed, 7]), np.asarray(skeleton.landmarks)
+    place = {name: heights[index] for index, name in enumerate(skeleton.landmark_names)}
+    ankles = 0.5 * (place["l_ankle"] + place["r_ankle"])
+    vectors = np.zeros((len(times), skeleton.num_dofs))
+    for column, name in enumerate(skeleton.dof_names):
+        share = _STANCE.get(name, _STANCE.get(name[2:], 0.0))
+        if share:
+            vectors[:, column] = sway / (place["head"] - ankles)[1] * share * _drift(rng, np.asarray(times, float))
+    turn = vectors[:, 3:6]
+    vectors[:, :3] = np.cross(turn, place["pelvis"] - ankles)
+    for side in ("l_", "r_"):
+        vectors[:, skeleton.dof_names.index(side + "ankle_dorsi")] = turn[:, 0]
+        vectors[:, skeleton.dof_names.index(side + "ankle_inv")] = turn[:, 2] * (1 if side == "l_" else -1)
+    poses = [_pose(skeleton, vector) for vector in jnp.asarray(vectors, jnp.float32)]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *poses)
+
+
+def _drift(rng: np.random.Generator, times: np.ndarray) -> np.ndarray:
+    """Draw slow waves whose slower ones are larger; mean 0 and standard deviation 1 over the times."""
+    waves = [(_SLOW / rate, rate, rng.uniform()) for rate in _SLOW * np.arange(1, 9) * rng.uniform(0.8, 1.2, 8)]
+    drift = _waves(waves, times)
+    drift = drift - drift.mean()
+    return drift / max(float(drift.std()), 1e-9)
+
+
 def ground_path(times: Float[np.ndarray, "frame"], scale: float = 1.0) -> Float[np.ndarray, "frame 3"]:
     """Tell where the actor stands: the root sway alone, on the ground."""
     times = np.asarray(times, float)
@@ -137,6 +181,9 @@ def _waves(waves: list[tuple[float, float, float]], times: np.ndarray) -> np.nda
         (amplitude * np.sin(2 * np.pi * (rate * times + phase)) for amplitude, rate, phase in waves),
         start=np.zeros_like(times),
     )
+
+
+_pose = eqx.filter_jit(pose_from_vector)
 
 
 @eqx.filter_jit

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from jaxmocap.character import landmark_positions, skin
-from jaxmocap.synthetic import dance, handheld_paths, intrinsics_of, make_actor
+from jaxmocap.synthetic import dance, handheld_paths, intrinsics_of, make_actor, stand
 from jaxmocap.synthetic._motion import ground_path
 
 TIMES = np.arange(240) / 30
@@ -97,4 +97,19 @@ def test_hands_shake_by_centimetres_and_about_a_degree():
         held[..., :3, :3] @ np.swapaxes(held[..., :3, :3], -1, -2),
         np.broadcast_to(np.eye(3), (2, 240, 3, 3)),
         atol=1e-12,
+    )
+
+
+def test_somebody_who_stands_sways_about_the_pose_at_rest(actor):
+    times = np.linspace(0, 30, 90)
+    bodies = np.asarray(jax.jit(jax.vmap(skin, (None, 0)))(actor, stand(actor.skeleton, times, 0.03, seed=1)))
+    rest = np.asarray(actor.vertices)
+    away = np.linalg.norm(bodies - rest, axis=-1)
+    head, feet = rest[:, 1] > 1.5, rest[:, 1] < 0.05
+    assert np.sqrt((away[:, head] ** 2).mean()) == pytest.approx(0.03, rel=0.3)
+    assert np.sqrt((away[:, feet] ** 2).mean()) < 0.003
+    assert np.linalg.norm(bodies.mean(axis=0) - rest, axis=1).max() < 0.003
+    assert np.linalg.norm(np.diff(bodies, axis=0), axis=-1).max() < 0.04  # in a third of a second
+    np.testing.assert_allclose(
+        skin(actor, jax.tree.map(lambda leaf: leaf[5], stand(actor.skeleton, times, 0.0))), rest, atol=1e-6
     )
