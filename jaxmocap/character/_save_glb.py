@@ -66,8 +66,8 @@ def save_glb(character: "Character", path: Path, colours: UInt8[np.ndarray, "ver
     """Write one mesh and one skin, a joint per body standing at rest, as many sets of four weights as the mesh needs.
 
     Landmarks, the joints' exact places, their misfit and a capsule per bone go into the skin's `extras`, which other
-    programs ignore.
-    `colours` of the vertices, sRGB, are written as glTF has them, linear, with a material that does not shine.
+    programs ignore. `colours` of the vertices, sRGB, are written as glTF has them, linear, with a material that does
+    not shine.
     """
     skeleton = character.skeleton
     joints = skeleton.joints.astype("<f4")

@@ -86,7 +86,7 @@ def cone_depths(
 ) -> Float[Array, "view point"]:
     """Measure by how many metres each point lies inside the cone of each silhouette; negative outside.
 
-    Infinite where a view does not show the point, and so says nothing. `moves` is where the point is in each view.
+    Infinite where a view does not show the point, and so says nothing. `moves` displaces the points in each view.
     """
 
     def one(camera: tuple[Array, Array, Array, Array | None]) -> Float[Array, " point"]:

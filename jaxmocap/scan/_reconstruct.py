@@ -10,7 +10,7 @@ from jaxmocap._results import InputError
 
 from ._hull import Views, mask_distances, visual_hull
 from ._surface import draw_views, refine_surface
-from ._sway import Sway, estimated, still
+from ._sway import Sway, estimate_sway, sway_at_rest
 
 FEWEST_VIEWS = 4
 """Below that a hull is no body."""
@@ -85,7 +85,7 @@ def find_sway(views: Views, used: Bool[np.ndarray, " view"]) -> Sway | None:
     count, distances = len(views.masks), mask_distances(views.masks)
     vertices, faces = visual_hull(views.only(used), LOOK_CELL, outliers=int(CONTRADICT * used.sum()))
     try:
-        sway = still(vertices, faces, count)
+        sway = sway_at_rest(vertices, faces, count)
     except InputError:
         return None
     for turn in range(TURNS):
@@ -93,7 +93,7 @@ def find_sway(views: Views, used: Bool[np.ndarray, " view"]) -> Sway | None:
             vertices, faces = visual_hull(views._replace(sway=sway).only(used), LOOK_CELL)
         for _ in range(2):
             drawn = draw_views(vertices, faces, views._replace(sway=sway))
-            sway = estimated(sway, vertices, faces, drawn, distances, used)
+            sway = estimate_sway(sway, vertices, faces, drawn, distances, used)
     return sway if sway.extent > NOTICED else None
 
 

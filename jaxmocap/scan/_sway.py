@@ -76,7 +76,7 @@ class Sway(NamedTuple):
 _moved = jax.jit(points_and_jacobian)
 
 
-def still(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], count: int) -> Sway:
+def sway_at_rest(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], count: int) -> Sway:
     """Give a surface a skeleton, in its own place, that does not move in any of `count` views.
 
     Raises `InputError` where it is no standing person.
@@ -95,7 +95,7 @@ def still(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 
     return Sway(places, fields, np.zeros((count, fields.shape[2])), stiffness)
 
 
-def estimated(
+def estimate_sway(
     sway: Sway,
     vertices: Float[np.ndarray, "vertex 3"],
     faces: Int[np.ndarray, "face 3"],

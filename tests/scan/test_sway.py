@@ -10,7 +10,7 @@ from jaxmocap.character import Pose, skin
 from jaxmocap.scan import Views, reconstruct, visual_hull
 from jaxmocap.scan._hull import mask_distances
 from jaxmocap.scan._surface import draw_views
-from jaxmocap.scan._sway import estimated, still
+from jaxmocap.scan._sway import estimate_sway, sway_at_rest
 from jaxmocap.synthetic import make_actor, stand
 
 VIEWS, WIDTH, HEIGHT, SWAY = 20, 240, 400, 0.03
@@ -44,14 +44,14 @@ def swaying():
 
 @pytest.fixture(scope="module")
 def skeleton(swaying):
-    return still(swaying[1], np.asarray(make_actor().faces), VIEWS)
+    return sway_at_rest(swaying[1], np.asarray(make_actor().faces), VIEWS)
 
 
 def found(views: Views, rest: np.ndarray, sway, used=np.ones(VIEWS, bool)):
     faces = np.asarray(make_actor().faces)
     for _ in range(3):
         drawn = draw_views(rest, faces, views._replace(sway=sway))
-        sway = estimated(sway, rest, faces, drawn, mask_distances(views.masks), used)
+        sway = estimate_sway(sway, rest, faces, drawn, mask_distances(views.masks), used)
     return sway
 
 
