@@ -6,6 +6,7 @@ Video SnapCut, SIGGRAPH 2009), the body is a soft prior, and what stays where it
 person.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import cv2
@@ -14,6 +15,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 _SEED = 0
 _RARE = 0.003  # probability added to every colour
+_BLOCKS = 4  # that the standard deviation of "near" is divided into
+_RUN = 4096  # pixels that are compared with all colours at a time: they stay in the cache
 _LIMBS = (
     (2, 3), (3, 4), (5, 6), (6, 7), (9, 10), (10, 11), (12, 13), (13, 14),
     (1, 8), (11, 22), (14, 19), (11, 24), (14, 21),
@@ -129,30 +132,42 @@ def local_colour_evidence(
     """Compute log p(colour | person, near here) - log p(colour | not the person, near here).
 
     Both are histograms whose pixels are weighted by a Gaussian around each place and by how surely the prior says where
-    they belong.
+    they belong. They are counted in blocks of a quarter of the Gaussian's standard deviation and interpolated; counted
+    at every pixel they give the same masks but for 0.05 % of their area, in two to three times the time.
     """
     smooth = cv2.cvtColor(cv2.GaussianBlur(picture, (0, 0), 1.0), cv2.COLOR_RGB2LAB)
     label = _quantised(smooth, settings.colours)
     inside = np.clip(distance / settings.skin, 0, 1).astype(np.float32) ** 2
     outside = np.clip(-distance / (settings.band / 2), 0, 1).astype(np.float32) ** 2
+    near = settings.near * size
+    block = max(1, int(near / _BLOCKS))
+    rows, columns = (np.arange(side) // block for side in label.shape)
+    shape = (int(rows[-1]) + 1, int(columns[-1]) + 1, settings.colours)
+    bins = np.ravel_multi_index((rows[:, None], columns[None], label), shape).ravel()
 
-    def blurred(values: np.ndarray) -> np.ndarray:
-        return cv2.GaussianBlur(values, (0, 0), settings.near * size)
+    def probability(weight: Float[np.ndarray, "height width"]) -> Float[np.ndarray, "rows columns colours"]:
+        count = np.bincount(bins, weight.ravel(), int(np.prod(shape))).reshape(shape)
+        blurred = cv2.GaussianBlur((count / block**2).astype(np.float32), (0, 0), near / block).reshape(shape)
+        local = blurred / (blurred.sum(2, keepdims=True) + 1e-3)
+        overall = count.sum((0, 1)) / max(float(weight.sum()), 1e-6)
+        return (1 - settings.anywhere) * local + settings.anywhere * overall + _RARE
 
-    total = [blurred(weight) for weight in (inside, outside)]
-    evidence = np.zeros(distance.shape, np.float32)
-    for colour in range(settings.colours):
-        here = label == colour
-        if not here.any():
-            continue
-        share = []
-        for weight, near in zip((inside, outside), total, strict=True):
-            member = np.where(here, weight, np.float32(0))
-            local = blurred(member) / (near + 1e-3)
-            overall = member.sum() / max(float(weight.sum()), 1e-6)
-            share.append((1 - settings.anywhere) * local + settings.anywhere * overall + _RARE)
-        evidence[here] = np.log(share[0] / share[1])[here]
-    return evidence
+    return _interpolated(np.log(probability(inside) / probability(outside)), label, block)
+
+
+def _interpolated(
+    values: Float[np.ndarray, "rows columns colours"], label: Int[np.ndarray, "height width"], block: int
+) -> Float[np.ndarray, "height width"]:
+    """Interpolate each pixel's own colour between the middles of blocks."""
+    ends = []
+    for side, blocks in zip(label.shape, values.shape[:2], strict=True):
+        at = np.clip((np.arange(side) + 0.5) / block - 0.5, 0, blocks - 1)
+        low = at.astype(int)
+        ends.append(((low, 1 - (at - low)), (np.minimum(low + 1, blocks - 1), at - low)))
+    result = np.zeros(label.shape, np.float32)
+    for (row, down), (column, along) in itertools.product(*ends):
+        result += (down[:, None] * along).astype(np.float32) * values[row[:, None], column, label]
+    return result
 
 
 def _quantised(picture: UInt8[np.ndarray, "height width 3"], colours: int) -> Int[np.ndarray, "height width"]:
@@ -163,8 +178,9 @@ def _quantised(picture: UInt8[np.ndarray, "height width 3"], colours: int) -> In
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 12, 1.0)
     sample = pixels[::step]
     _, _, means = cv2.kmeans(sample, min(colours, len(sample)), None, criteria, 1, cv2.KMEANS_PP_CENTERS)  # pyright: ignore
-    squared = (means**2).sum(1) - 2 * pixels @ means.T
-    return squared.argmin(1).reshape(picture.shape[:2])
+    squared = (means**2).sum(1)
+    runs = (pixels[start : start + _RUN] for start in range(0, len(pixels), _RUN))
+    return np.concatenate([(squared - 2 * run @ means.T).argmin(1) for run in runs]).reshape(picture.shape[:2])
 
 
 def _smallest_cut(
