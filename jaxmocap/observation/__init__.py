@@ -61,7 +61,7 @@ from ._rectangle import (
     place_rectangle as place_rectangle,
     projected_box as projected_box,
 )
-from ._standing_still import standing_still as standing_still
+from ._standing_still import OtherFrame as OtherFrame, other_frame as other_frame, standing_still as standing_still
 from ._surface import (
     Clusters as Clusters,
     Surface as Surface,

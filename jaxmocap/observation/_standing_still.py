@@ -1,6 +1,7 @@
 """What stays where it is while the person moves, seen in other frames of the same camera."""
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -9,28 +10,42 @@ from jaxtyping import Bool, Float, UInt8
 _FEWEST = 12
 _SAME = 12.0  # grey levels
 _VOTES = 3
+_FEATURES = 1500
+
+
+class OtherFrame(NamedTuple):
+    """Another frame of a camera, and its SIFT points and descriptors."""
+
+    image: UInt8[np.ndarray, "height width 3"]
+    features: tuple[Any, Any]
+
+
+def other_frame(image: UInt8[np.ndarray, "height width 3"]) -> OtherFrame:
+    """Find a frame's features once, for all frames that it is laid over."""
+    return OtherFrame(image, _sift(image, None))
 
 
 def standing_still(
     image: UInt8[np.ndarray, "height width 3"],
     person: Bool[np.ndarray, "height width"],
-    others: Sequence[UInt8[np.ndarray, "height width 3"]],
+    others: Sequence[OtherFrame],
 ) -> Float[np.ndarray, "height width"]:
     """Measure per pixel, in [0, 1], how surely it shows the background.
 
     That is in how many `others` the same colour is at the same place, three being enough.
 
-    Each picture is laid over `image` by the homography of its SIFT matches (RANSAC), which `person` takes no part in.
+    Each of them is laid over `image` by the homography of its SIFT matches (RANSAC), which `person` takes no part in.
     Parallax makes pixels differ and so says nothing. A plain dark shirt looks the same wherever it moves: inside the
     projected body this is no evidence.
     """
-    sift = cv2.SIFT_create(1500)  # pyright: ignore
-    elsewhere = np.where(cv2.dilate(person.astype(np.uint8), np.ones((15, 15))) > 0, 0, 255).astype(np.uint8)
-    known = sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), elsewhere)
-    blurred = cv2.GaussianBlur(image, (0, 0), 1.5)
     votes = np.zeros(image.shape[:2], np.float32)
-    for other in others:
-        here = _homography(sift.detectAndCompute(cv2.cvtColor(other, cv2.COLOR_RGB2GRAY), None), known)
+    if not others:
+        return votes
+    elsewhere = np.where(cv2.dilate(person.astype(np.uint8), np.ones((15, 15))) > 0, 0, 255).astype(np.uint8)
+    known = _sift(image, elsewhere)
+    blurred = cv2.GaussianBlur(image, (0, 0), 1.5)
+    for other, features in others:
+        here = _homography(features, known)
         if here is None:
             continue
         size = (image.shape[1], image.shape[0])
@@ -39,6 +54,11 @@ def standing_still(
         differs = cv2.blur(cv2.absdiff(laid, blurred).max(2).astype(np.float32), (3, 3))
         votes += seen & (differs < _SAME)
     return np.clip(votes / _VOTES, 0, 1)
+
+
+def _sift(image: np.ndarray, where: np.ndarray | None) -> tuple[Any, Any]:
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    return cv2.SIFT_create(_FEATURES).detectAndCompute(grey, where)  # pyright: ignore
 
 
 def _homography(found: tuple, known: tuple) -> Float[np.ndarray, "3 3"] | None:

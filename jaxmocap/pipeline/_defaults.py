@@ -1,6 +1,7 @@
 """What a capture does not say about its selected frames: which they are, and where the person is in them."""
 
 from collections.abc import Callable
+from functools import partial
 
 from jaxtyping import PRNGKeyArray
 
@@ -75,16 +76,19 @@ def find_person_masks(
     frames = capture.selected_frames or (0,)
     cameras = range(capture.num_cameras)
     missing = [frame for frame in frames if any(capture.mask(camera, frame) is None for camera in cameras)]
-    found: PersonMasks = {}
-    for number, frame in enumerate(missing):
-        if progress is not None:
-            progress("masks", number, len(missing))
-        found |= segment_person(
-            capture, capture.cameras, character, (frame,), key=key, overrides=overrides, settings=_SETTINGS
-        )
-    if progress is not None and missing:
-        progress("masks", len(missing), len(missing))
-    return found
+    if not missing:
+        return {}
+    tell = progress or (lambda stage, done, total: None)
+    return segment_person(
+        capture,
+        capture.cameras,
+        character,
+        missing,
+        key=key,
+        overrides=overrides,
+        settings=_SETTINGS,
+        progress=partial(tell, "masks"),
+    )
 
 
 def say_doubts(capture: Capture, found: PersonMasks, say: Callable[[str], None] | None) -> None:

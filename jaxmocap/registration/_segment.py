@@ -1,7 +1,7 @@
 """Masks of the person at selected frames that have none, found in turns with the registration (sec. 3.2, where the
 paper draws them by hand)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import jax
@@ -14,9 +14,11 @@ from jaxmocap.character import Character, Pose, skin
 from jaxmocap.observation import (
     CutSettings,
     MaskConfidence,
+    OtherFrame,
     cut_person,
     full_image_ids,
     mask_confidence,
+    other_frame,
     person_prior,
     standing_still,
 )
@@ -73,44 +75,48 @@ def segment_person(
     start: Mapping[int, Pose] | None = None,
     settings: SegmentationSettings | None = None,
     registration: RegistrationSettings | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> PersonMasks:
     """Find masks of the person at the selected frames, or at `frames`; the capture's own are kept where it has them.
 
     The body is registered from the keypoints; it and they say roughly where the person is; GrabCut by local colours
     finds the outline (`cut_person`), with a detector's silhouettes where there are any; the body is fitted to it; and
-    so on. A body that is not the person's own will do. `start` are poses to begin with, by frame.
-    `capture.with_masks(masks_of(found))` uses them from then on. Raises `InputError` where registration does.
+    so on. A body that is not the person's own will do. `start` are poses to begin with, by frame; `progress` hears how
+    many frames are done, and of how many. `capture.with_masks(masks_of(found))` uses the masks from then on. Raises
+    `InputError` where registration does.
     """
     settings = SegmentationSettings() if settings is None else settings
     registration = RegistrationSettings() if registration is None else registration
     key = jax.random.key(0) if key is None else key
     if frames is None:
         frames = capture.selected_frames or choose_frames(capture, cameras).frames
-    begin = replace(registration, search_below=0.0)
-    refit = replace(begin, view_flow=0)
+    rough = replace(registration, search_below=0.0, view_flow=0)  # holding views against each other mends no mask
     result: PersonMasks = {}
-    for frame in frames:
+    others: dict[tuple[int, int], OtherFrame] = {}
+    for number, frame in enumerate(frames):
+        progress(number, len(frames))
         given = [capture.mask(camera, frame) for camera in range(capture.num_cameras)]
         if all(mask is not None for mask in given):
             result[frame] = tuple(PersonMask(mask, None) for mask in given if mask is not None)
             continue
 
-        def fitted(masks: list, start: Pose | None, settings: RegistrationSettings, frame: int = frame) -> Pose:
+        def fitted(masks: list, start: Pose | None, frame: int = frame) -> Pose:
             known = capture.with_masks({frame: masks})
             found = register(
-                known, cameras, character, (frame,), key=key, overrides=overrides, start=start, settings=settings
+                known, cameras, character, (frame,), key=key, overrides=overrides, start=start, settings=rough
             )
             return found[frame].pose
 
-        cutter = _Cutter(capture, cameras, character, frame, given, settings)
-        pose = start[frame] if start and frame in start else fitted(given, None, begin)
+        cutter = _Cutter(capture, cameras, character, frame, given, settings, others)
+        pose = start[frame] if start and frame in start else fitted(given, None)
         masks = cutter.cut(pose)
         for _ in range(settings.rounds):
-            pose = fitted(masks, pose, refit)
+            pose = fitted(masks, pose)
             last, masks = masks, cutter.cut(pose)
             if max(_changed(a, b) for a, b in zip(last, masks, strict=True)) <= settings.settled:
                 break
         result[frame] = cutter.judged(pose, masks)
+    progress(len(frames), len(frames))
     return result
 
 
@@ -130,9 +136,10 @@ class _Cutter:
         frame: int,
         given: list[Bool[np.ndarray, "height width"] | None],
         settings: SegmentationSettings,
+        others: dict[tuple[int, int], OtherFrame],
     ):
         self._capture, self._cameras, self._character, self._frame = capture, cameras, character, frame
-        self._given, self._settings = given, settings
+        self._given, self._settings, self._others = given, settings, others
         self._still: dict[int, np.ndarray] = {}
 
     def _view(
@@ -143,9 +150,14 @@ class _Cutter:
         prior = person_prior(silhouette, self._capture.keypoints(camera, self._frame), self._settings.cut)
         if camera not in self._still:
             times = np.linspace(0, self._capture.num_frames - 1, self._settings.others + 1).round().astype(int)
-            others = [self._capture.image(camera, int(t)) for t in np.unique(times) if t != self._frame]
+            others = [self._other(camera, int(time)) for time in np.unique(times) if time != self._frame]
             self._still[camera] = standing_still(image, prior, others)
         return image, prior, self._still[camera], self._capture.silhouette(camera, self._frame)
+
+    def _other(self, camera: int, frame: int) -> OtherFrame:
+        if (camera, frame) not in self._others:
+            self._others[camera, frame] = other_frame(self._capture.image(camera, frame))
+        return self._others[camera, frame]
 
     def _silhouettes(self, pose: Pose) -> list[np.ndarray]:
         vertices = skin(self._character, pose)

@@ -7,6 +7,7 @@ from jaxmocap.observation import (
     cut_person,
     full_image_ids,
     mask_confidence,
+    other_frame,
     person_prior,
     signed_distance,
     standing_still,
@@ -123,7 +124,8 @@ def test_the_background_stays_and_the_person_does_not():
 
     person = np.zeros((240, 360), bool)
     person[80:160, 140:200] = True
-    still = standing_still(shot(0, 140), person, [shot(4, 10), shot(-5, 40), shot(8, 250), shot(12, 290)])
+    others = [other_frame(shot(*one)) for one in ((4, 10), (-5, 40), (8, 250), (12, 290))]
+    still = standing_still(shot(0, 140), person, others)
     beside = ~(signed_distance(person) > -6)
     beside[:10], beside[-20:], beside[:, :30], beside[:, -40:] = False, False, False, False
     assert still[beside].mean() > 0.85
