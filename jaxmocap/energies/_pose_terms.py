@@ -17,8 +17,11 @@ from ._body import GroupProblem
 from ._lines import rays
 from ._term import AbstractPoseTerm, Drawn
 
-LOOSE = {0: 0.3, 1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3} | dict.fromkeys(FACE, 0.3)
+LOOSE = {1: 0.03, 8: 0.1, 19: 0.3, 21: 0.3, 22: 0.3, 24: 0.3}
 """Points whose definition differs between a detector and a skeleton count less."""
+
+NOSE = 0
+"""Of BODY_25; with `FACE` it says where the head looks."""
 
 
 class LandmarkRays(eqx.Module):
@@ -63,19 +66,22 @@ def keypoint_rays(
     robust: float | Array = 0.1,
     table: Mapping[int, tuple[str, ...]] = BODY_25,
     offsets: Float[Array, "25 3"] | None = None,
+    face: float = 0.3,
 ) -> LandmarkRays:
     """Build a row for every keypoint of `table` in every view.
 
     x, y are pixels of the undistorted image, the third number is the detector's confidence and weighs the row (0: not
     found). `scale` metres count as 1, beyond `robust` metres a point fades. `offsets` lead from a point's landmark to
-    where the detector sees it (default: nowhere); a point between two landmarks has the mean of theirs. Points whose
-    landmarks the skeleton does not have are left out.
+    where the detector sees it (default: nowhere); a point between two landmarks has the mean of theirs. `face` weighs
+    nose, eyes and ears, whose places differ between a detector and a skeleton. Points whose landmarks the skeleton does
+    not have are left out.
     """
     names = skeleton.landmark_names
     known = {index: parts for index, parts in table.items() if all(part in names for part in parts)}
     mix = np.array([[parts.count(name) / len(parts) for name in names] for parts in known.values()], np.float32)
     index = np.array(list(known))
-    loose = jnp.array([LOOSE.get(point, 1.0) for point in known])
+    weights = LOOSE | dict.fromkeys((NOSE, *FACE), face)
+    loose = jnp.array([weights.get(point, 1.0) for point in known])
     single = {parts[0]: point for point, parts in known.items() if len(parts) == 1}
     shift = jnp.zeros((len(names), 3))
     if offsets is not None and single:

@@ -1,7 +1,6 @@
 """What a capture does not say about its selected frames: which they are, and where the person is in them."""
 
 from collections.abc import Callable
-from functools import partial
 
 from jaxtyping import PRNGKeyArray
 
@@ -78,7 +77,6 @@ def find_person_masks(
     missing = [frame for frame in frames if any(capture.mask(camera, frame) is None for camera in cameras)]
     if not missing:
         return {}
-    tell = progress or (lambda stage, done, total: None)
     return segment_person(
         capture,
         capture.cameras,
@@ -87,7 +85,7 @@ def find_person_masks(
         key=key,
         overrides=overrides,
         settings=_SETTINGS,
-        progress=partial(tell, "masks"),
+        progress=progress or (lambda stage, done, total: None),
     )
 
 

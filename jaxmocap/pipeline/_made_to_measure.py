@@ -1,7 +1,6 @@
 """Who is tracked: the actor that is given, or else the built-in body, made to the measure of the filmed person."""
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -172,9 +171,8 @@ def _fitted(
         selected = [frame for frame in capture.selected_frames or frames if frame in frames]
         outlined = [selected[i] for i in sorted({round(x) for x in np.linspace(0, len(selected) - 1, MOST_MASKED)})]
         settings, start = SegmentationSettings(), None
-    heard = partial(steps, "outlines")
     found = segment_person(
-        capture, cameras, rough.character, outlined, key=key, start=start, settings=settings, progress=heard
+        capture, cameras, rough.character, outlined, key=key, start=start, settings=settings, progress=steps
     )
     sure = {frame: [one.mask if _sure(one) else None for one in row] for frame, row in found.items()}
     scale_cameras = scale_cameras and any(mask is not None for row in sure.values() for mask in row)

@@ -14,6 +14,8 @@ from jaxmocap.capture import Capture, check_subject, choose_frames
 from jaxmocap.character import Character, Pose, filled_up, rest_pose, skin
 from jaxmocap.energies import keypoint_rays
 from jaxmocap.observation import (
+    BODY_25,
+    FACE,
     Surface,
     build_problem,
     draw,
@@ -32,6 +34,9 @@ from ._fit_silhouette import (
 )
 from ._inverse_kinematics import inverse_kinematics
 from ._pose_file import Overrides, apply_overrides
+
+FACE_WEIGHT = 1.0
+"""Of the keypoints of the face: an outline hardly tells where a head looks, and had turned one by 70 degrees."""
 
 KEYPOINT_SCALE = 0.03
 """Metres between a landmark and a keypoint's ray that count as 1, as 0.02 do for a point of an outline: an arm before
@@ -90,7 +95,17 @@ def register_frame(
     if overrides:
         pose, fixed = apply_overrides(character, pose, overrides)
     seen = jnp.asarray(stacked_keypoints(keypoints))
-    landmarks = (keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, KEYPOINT_SCALE),)
+    landmarks = (
+        keypoint_rays(
+            character.skeleton,
+            view.intrinsics,
+            view.cam_from_world,
+            seen,
+            KEYPOINT_SCALE,
+            table=BODY_25 | FACE,
+            face=FACE_WEIGHT,
+        ),
+    )
     images = [capture.image(c, frame) for c in views]
     masks = [capture.mask(c, frame) for c in views]
     if surface is None:

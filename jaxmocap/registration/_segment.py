@@ -75,15 +75,15 @@ def segment_person(
     start: Mapping[int, Pose] | None = None,
     settings: SegmentationSettings | None = None,
     registration: RegistrationSettings | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> PersonMasks:
     """Find masks of the person at the selected frames, or at `frames`; the capture's own are kept where it has them.
 
     The body is registered from the keypoints; it and they say roughly where the person is; GrabCut by local colours
     finds the outline (`cut_person`), with a detector's silhouettes where there are any; the body is fitted to it; and
-    so on. A body that is not the person's own will do. `start` are poses to begin with, by frame; `progress` hears how
-    many frames are done, and of how many. `capture.with_masks(masks_of(found))` uses the masks from then on. Raises
-    `InputError` where registration does.
+    so on. A body that is not the person's own will do. `start` are poses to begin with, by frame; `progress` hears
+    "masks", how many frames are done, and of how many. `capture.with_masks(masks_of(found))` uses the masks from then
+    on. Raises `InputError` where registration does.
     """
     settings = SegmentationSettings() if settings is None else settings
     registration = RegistrationSettings() if registration is None else registration
@@ -94,7 +94,7 @@ def segment_person(
     result: PersonMasks = {}
     others: dict[tuple[int, int], OtherFrame] = {}
     for number, frame in enumerate(frames):
-        progress(number, len(frames))
+        progress("masks", number, len(frames))
         given = [capture.mask(camera, frame) for camera in range(capture.num_cameras)]
         if all(mask is not None for mask in given):
             result[frame] = tuple(PersonMask(mask, None) for mask in given if mask is not None)
@@ -116,7 +116,7 @@ def segment_person(
             if max(_changed(a, b) for a, b in zip(last, masks, strict=True)) <= settings.settled:
                 break
         result[frame] = cutter.judged(pose, masks)
-    progress(len(frames), len(frames))
+    progress("masks", len(frames), len(frames))
     return result
 
 
