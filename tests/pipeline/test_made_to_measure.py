@@ -96,7 +96,7 @@ def test_the_body_is_made_of_keypoints_and_outlines_and_kept(folder, filmed, tmp
     assert "made to measure at 4 frames" in said[0]
     found, truth = (bone_lengths(one.skeleton) for one in (made.character, filmed.character))
     assert max(abs(float(found[name] / truth[name]) - 1) for name in ("thigh", "shank", "upper_arm")) < 0.06
-    assert {stage for stage, _, _ in steps} == {"body: poses", "body: shape", "body: outlines"}
+    assert {stage for stage, _, _ in steps} == {"body: poses", "body: shape", "body: masks"}
     count = len(steps)
     assert np.array_equal(make().character.vertices, made.character.vertices)
     assert len(steps) == count  # taken from the cache
