@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from jaxmocap.observation import (
+    CutSettings,
+    _cut_person,
     cut_person,
     full_image_ids,
     mask_confidence,
@@ -69,6 +71,16 @@ def test_a_head_that_the_body_lacks_is_found_where_a_detector_has_seen_it(world,
         alone, told = cut_person(image, beheaded), cut_person(image, beheaded, seen=truth)
         assert lacking(told) < 0.6 * lacking(alone), (camera, lacking(alone), lacking(told))
         np.testing.assert_array_equal(cut_person(image, beheaded, seen=moved(truth, (0, 60))), alone)
+
+
+def test_colours_counted_in_blocks_cut_as_those_counted_at_every_pixel(world, silhouettes, monkeypatch):
+    larger = np.ones((4, 4), np.uint8)
+    image = np.kron(world.truth.images[0, 0], larger[..., None])
+    prior = np.kron(moved(silhouettes[0], (3, -3)), larger).astype(bool)
+    assert CutSettings().near * np.sqrt(prior.sum()) > 2 * _cut_person._BLOCKS  # a block is more than a pixel
+    in_blocks = cut_person(image, prior)
+    monkeypatch.setattr(_cut_person, "_BLOCKS", 1000)  # now it is one
+    assert overlap(in_blocks, cut_person(image, prior)) > 0.99
 
 
 def test_confidence_is_low_where_the_picture_does_not_show_the_person(world, silhouettes):
