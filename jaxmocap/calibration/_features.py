@@ -15,6 +15,10 @@ from ._footage import VideoFootage
 _CONTRAST = 0.015  # below OpenCV's 0.04: a lawn or a plastered wall has little
 _BLUR = 1.25  # pixels, against the sensor's noise: of a noisy video two to three times as many features match
 _RATIO = 0.8
+_LONGEST = 1920
+"""Pixels of the longer side on which features are looked for: of a 4K picture 30 times as fast as on all of them, and
+with a quarter of the memory."""
+
 _MASK_MARGIN = 15  # pixels at a width of 960
 _BOX_REACH = 5  # frames for which a box of another frame still tells where the person is
 _BOX_GROWTH = 0.02  # of the box's size per frame between
@@ -56,7 +60,16 @@ def person_mask(video: VideoFootage, frame: int) -> Bool[np.ndarray, "height wid
 def detect(
     image: UInt8[np.ndarray, "height width 3"], person: Bool[np.ndarray, "height width"], count: int
 ) -> Features:
-    """Find at most `count` features, those of the strongest contrast, outside the person."""
+    """Find at most `count` features, those of the strongest contrast, outside the person.
+
+    Pictures longer than 1,920 pixels are made smaller for it; the points are those of the picture as it is.
+    """
+    height, width = person.shape
+    shrink = min(1.0, _LONGEST / max(width, height))
+    if shrink < 1:
+        size = round(shrink * width), round(shrink * height)
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        person = cv2.resize(person.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     detector = cv2.SIFT_create(  # pyright: ignore[reportAttributeAccessIssue]
         nfeatures=count, contrastThreshold=_CONTRAST, enable_precise_upscale=True
     )
@@ -65,6 +78,7 @@ def detect(
     if not found or raw is None:
         return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
     places = np.array([point.pt for point in found], np.float32) + 0.5
+    places *= np.float32(width / person.shape[1]), np.float32(height / person.shape[0])
     places, first = np.unique(places, axis=0, return_index=True)  # one of a place's several orientations
     raw = raw[first]
     roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-6))

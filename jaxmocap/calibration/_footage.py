@@ -42,6 +42,7 @@ class VideoFootage:
         size: width and height of the recorded pictures, pixels.
         first: the first frame that is calibrated.
         last: the last one, included.
+        seconds: at which each of these was taken, on the clock that all videos share.
         focal: length, pixels; a first guess unless `focal_known`.
         focal_known: whether `focal` is exact, and kept.
         focal_told: whether it is from the video's metadata.
@@ -54,6 +55,7 @@ class VideoFootage:
     size: tuple[int, int]
     first: int
     last: int
+    seconds: tuple[float, ...]
     focal: float
     focal_known: bool
     focal_told: bool
@@ -75,7 +77,6 @@ class Footage:
 
     Attributes:
         videos: one per camera.
-        lags: the frame of each video that was filmed together with frame 0 of the first.
         key_step: frames from one key frame to the next; 5 by default.
         num_features: looked for in a frame, at most; 4000 by default.
         threads: of the mapper and the bundle adjustment; 2 by default.
@@ -83,7 +84,6 @@ class Footage:
     """
 
     videos: tuple[VideoFootage, ...]
-    lags: tuple[int, ...]
     key_step: int = 5
     num_features: int = 4000
     threads: int = 2
@@ -100,9 +100,10 @@ class Footage:
         step = max(1, min(self.key_step, len(frames) // 6))
         return sorted({*frames[::step], frames[-1]})
 
-    def instant(self, camera: int, frame: int) -> int:
-        """Convert a frame number to the clock of the first video."""
-        return frame - self.lags[camera]
+    def instant(self, camera: int, frame: int) -> float:
+        """Tell when a frame was taken, seconds on the clock that all videos share."""
+        video = self.videos[camera]
+        return video.seconds[frame - video.first]
 
     def to_json(self) -> str:
         """Write the job as text for `from_file`."""
@@ -116,8 +117,9 @@ class Footage:
         for video in raw.pop("videos"):
             boxes = {int(frame): tuple(box) for frame, box in video.pop("boxes").items()}
             masks = {int(frame): file for frame, file in video.pop("masks").items()}
-            videos.append(VideoFootage(**(video | {"size": tuple(video["size"])}), boxes=boxes, masks=masks))
-        return Footage(**(raw | {"videos": tuple(videos), "lags": tuple(raw["lags"])}))
+            lists = {name: tuple(video[name]) for name in ("size", "seconds")}
+            videos.append(VideoFootage(**(video | lists), boxes=boxes, masks=masks))
+        return Footage(**(raw | {"videos": tuple(videos)}))
 
 
 def as_recorded(capture: Capture) -> Capture:
@@ -162,6 +164,7 @@ def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: in
                 size=index.size,
                 first=first,
                 last=last,
+                seconds=tuple(np.round(index.seconds[first : last + 1] + capture.offsets[camera], 4).tolist()),
                 focal=focal.get(name) or usual_focal(index.path, index.size),
                 focal_known=name in focal,
                 focal_told=told is not None,
@@ -169,8 +172,7 @@ def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: in
                 masks=_masks(capture, name, range(first, last + 1)),
             )
         )
-    lags = tuple(int(row[0] - capture.video_frames[0, 0]) for row in capture.video_frames)
-    return Footage(tuple(videos), lags, key_step=key_step, threads=threads, seed=seed)
+    return Footage(tuple(videos), key_step=key_step, threads=threads, seed=seed)
 
 
 def _boxes(capture: Capture, camera: str, frames: range) -> dict[int, Box]:
@@ -219,7 +221,7 @@ def told_focal(path: Path, size: tuple[int, int]) -> float | None:
     Read are QuickTime's `com.apple.quicktime.camera.focal_length.35mm_equivalent` and Exif's `FocalLengthIn35mmFormat`
     (or `...Film`), of the file or of its video track. The search begins there; phones crop what they film.
     """
-    with av.open(str(path)) as container:
+    with av.open(str(path), metadata_errors="replace") as container:
         metadata = {**container.metadata, **container.streams.video[0].metadata}
     for key, value in metadata.items():
         number = _NUMBER.match(value)

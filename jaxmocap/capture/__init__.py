@@ -26,6 +26,7 @@ from ._sync_plan import (
     new_capture_text as new_capture_text,
     plan_new_capture as plan_new_capture,
     plan_sync as plan_sync,
+    refuse_single_pictures as refuse_single_pictures,
     video_names as video_names,
 )
 from ._video import (

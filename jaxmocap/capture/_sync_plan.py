@@ -78,11 +78,19 @@ def plan_new_capture(
     if len(paths) < 2:
         raise InputError(f"a new capture needs two or more videos, and {len(paths)} was given")
     indices = [index_video(path) for path in paths]
+    refuse_single_pictures(indices)
     names = camera_names(paths)
     found = synchronise(indices, names, method, progress, span)
     copies = video_names(paths, names)
     text = new_capture_text(folder, found.frame, dict(zip(names, copies, strict=True)), found.offsets)
     return SyncPlan(folder / "capture.toml", text, found, copies)
+
+
+def refuse_single_pictures(indices: Sequence[VideoIndex]) -> None:
+    """Raise `InputError` for a file that holds one picture, such as a photo."""
+    for index in indices:
+        if index.num_frames < 2:
+            raise InputError(f"{index.path} holds one picture; a video of the person was expected")
 
 
 def new_capture_text(

@@ -43,11 +43,11 @@ class VideoIndex:
         return float(np.median(np.diff(self.seconds))) if self.num_frames > 1 else 0.0
 
 
-def _open(path: Path) -> tuple[av.container.InputContainer, av.VideoStream]:
+def _open(path: Path, **options: str) -> tuple[av.container.InputContainer, av.VideoStream]:
     if not path.is_file():
         raise InputError(f"video {path} does not exist")
     try:
-        container = av.open(str(path), metadata_errors="replace")
+        container = av.open(str(path), metadata_errors="replace", options=options)
     except (av.FFmpegError, OSError) as error:
         raise InputError(
             f"video {path} cannot be opened: {getattr(error, 'strerror', None) or error}; it is no video, or the file "
@@ -71,9 +71,11 @@ def index_video(path: Path) -> VideoIndex:
                 stored += packet.size > 0
                 if packet.size and not packet.is_discard:
                     pts.append(packet.pts)
-            missing = max(stream.frames - stored, 0) if "mp4" in container.format.name else 0
+            promised = stream.frames if "mp4" in container.format.name else 0
             guessed = container.format.name == "avi" and stream.codec_context.has_b_frames
             time_base = stream.time_base
+        if promised > stored:  # an edit list may leave out pictures before a key frame
+            stored = _count_stored(path)
         container, stream = _open(path)
         with container:
             first = next(container.decode(stream), None)
@@ -81,8 +83,10 @@ def index_video(path: Path) -> VideoIndex:
         raise InputError(
             f"video {path} cannot be decoded: {error}; the file is damaged or its codec unknown"
         ) from error
-    if missing:
-        raise InputError(f"video {path} is cut off: {missing} of its frames are not in the file; copy it again")
+    if promised > stored:
+        raise InputError(
+            f"video {path} is cut off: {promised - stored} of its frames are not in the file; copy it again"
+        )
     if first is None:
         raise InputError(f"video {path} has no frames")
     if guessed or None in pts or time_base is None or first.pts is None:
@@ -95,6 +99,13 @@ def index_video(path: Path) -> VideoIndex:
     size = (first.height, first.width) if turns % 2 else (first.width, first.height)
     seconds = (values - values[0]) * float(time_base)
     return VideoIndex(path, size, values, seconds, turns)
+
+
+def _count_stored(path: Path) -> int:
+    """Count the pictures in a file, whether an edit list shows them or not."""
+    container, stream = _open(path, ignore_editlist="1")
+    with container:
+        return sum(packet.size > 0 for packet in container.demux(stream))
 
 
 def luma_frames(index: VideoIndex) -> Iterator[tuple[int, UInt8[np.ndarray, "height width"]]]:

@@ -12,7 +12,7 @@ from ._run_folder import finished, only_run
 from ._run_options import RunOptions, examine
 from ._run_plan import PlannedStage, done_before, given_by_hand, plan_of
 from ._run_record import RunRecord
-from ._run_stages import do_stage, stages_of
+from ._run_stages import do_stage, in_a_run, stages_of
 from ._run_work import RunWork
 
 
@@ -95,7 +95,11 @@ def run(
     )
     out = Path(out)
     record = RunRecord(out)
-    work = RunWork(examine(videos, options), out, options, record, say, progress)
+
+    def tell(sentence: str) -> None:
+        say(in_a_run(sentence, work.folder))
+
+    work = RunWork(examine(videos, options), out, options, record, tell, progress)
     took: dict[str, float] = {}
     with only_run(out, out):
         plan(plan_of(work))

@@ -86,14 +86,17 @@ class RunInputs:
         options = self.options
         given = None if options.keypoints is None else path_hash(options.keypoints)
         weights = None if options.weights is None else str(options.weights)
-        return [self.videos, given, weights, sorted(options.person.items()), self.offsets()]
+        person = sorted(options.person.items())
+        return [self.videos, given, weights, person, self.offsets(), self.config().frames]
 
     def of_calibrate(self) -> Any:
         """List what cameras are made of."""
         options = self.options
         size = self.of_body() if (options.actor or options.scan) and options.camera_distance is None else None
         told = [options.height, options.camera_distance, sorted(options.focal.items()), options.static, options.seed]
-        return [self.videos, self.offsets(), self.hash_of("keypoints"), size, told, self.lost_in_span()]
+        config = self.config()
+        read = [self.hash_of("keypoints"), config.keypoint_layout, config.frames]
+        return [self.videos, self.offsets(), read, size, told, self.lost_in_span()]
 
     def calibration(self) -> dict[str, Any] | None:
         """Read what `calibrate` wrote about the cameras that there are; None without."""
@@ -140,8 +143,10 @@ class RunInputs:
         return [self.seen(), self.options.height, self.options.seed]
 
     def seen(self) -> Any:
-        """List what is known of the person and the cameras."""
-        return [self.videos, self.offsets(), *map(self.hash_of, ("keypoints", "cameras", "masks"))]
+        """List what is known of the person and the cameras, and how `capture.toml` says they are to be read."""
+        config = self.config()
+        how = [config.longest_side, config.frames, config.units, config.up, config.keypoint_layout]
+        return [self.videos, self.offsets(), *map(self.hash_of, ("keypoints", "cameras", "masks")), how]
 
     def of_track(self) -> Any:
         """List what the motion is made of."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jaxmocap._results import InputError
 from jaxmocap._types import Quality
-from jaxmocap.capture import VideoIndex, camera_names, index_video
+from jaxmocap.capture import VideoIndex, camera_names, index_video, refuse_single_pictures
 from jaxmocap.detection import require_runner
 from jaxmocap.rigging import check_height
 
@@ -62,20 +62,15 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
         raise InputError(f"{twice} is given twice; give every video once")
+    refuse_single_pictures(indices)
     start, stop = options.frames
-    shortest = min(indices, key=lambda index: index.num_frames)
-    behind = shortest.num_frames if stop is None else stop
-    if not 0 <= start < behind <= shortest.num_frames:
+    behind = indices[0].num_frames if stop is None else stop
+    if not 0 <= start < behind <= indices[0].num_frames:
         raise InputError(
-            f"frames {start}:{'' if stop is None else stop} were asked for, but {shortest.path.name} has "
-            f"{shortest.num_frames} frames, 0 to {shortest.num_frames - 1}"
+            f"frames {start}:{'' if stop is None else stop} were asked for, but {indices[0].path.name} has "
+            f"{indices[0].num_frames} frames, 0 to {indices[0].num_frames - 1}"
         )
-    names = camera_names([index.path for index in indices])
-    for name, seconds in options.offset.items():
-        if name not in names or len(names) == 1:
-            raise InputError(f"--offset names {name!r}; {_offset_wanted(names)}")
-        if not math.isfinite(seconds):
-            raise InputError(f"--offset {name}={seconds}: a number of seconds was expected, such as {name}=-0.4")
+    _examine_cameras(indices, options)
     if options.height is not None:
         check_height(options.height)
     if options.scan is not None and options.actor is not None:
@@ -106,9 +101,43 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
     return indices
 
 
+def _examine_cameras(indices: Sequence[VideoIndex], options: RunOptions) -> None:
+    """Refuse what is said of cameras that are not there, and numbers that no camera has."""
+    names = camera_names([index.path for index in indices])
+    for name, seconds in options.offset.items():
+        if name not in names or len(names) == 1:
+            raise InputError(f"--offset names {name!r}; {_offset_wanted(names)}")
+        if not math.isfinite(seconds):
+            raise InputError(f"--offset {name}={seconds}: a number of seconds was expected, such as {name}=-0.4")
+    for option, told in (("--focal", options.focal), ("--person", options.person)):
+        if unknown := next((name for name in told if name not in names), None):
+            raise InputError(
+                f"{option} names {unknown!r}; the cameras are called like their videos: {', '.join(names)}"
+            )
+    for name, focal in options.focal.items():
+        if not 10 < focal < 1e5:
+            raise InputError(f"--focal {name}={focal:g}: pixels were expected, about the width of the pictures")
+    if missing := [name for name in names if options.focal and name not in options.focal]:
+        raise InputError(f"--focal leaves out {', '.join(missing)}; give it for every camera, or for none")
+    for name, (x, y) in options.person.items():
+        width, height = indices[names.index(name)].size
+        if not (0 <= x < width and 0 <= y < height):
+            raise InputError(
+                f"--person {name}={x:g},{y:g} lies outside the pictures of {width} x {height} pixels; give a pixel on "
+                "the person in the first picture"
+            )
+    distance = options.camera_distance
+    if distance is not None and not 0.01 < distance < 1000:
+        raise InputError(f"--camera-distance is {distance:g}; metres between the first two cameras were expected")
+
+
 def _offset_wanted(names: Sequence[str]) -> str:
     if len(names) == 1:
         return "one video needs no offset: leave it out"
+    return _names_wanted(names)
+
+
+def _names_wanted(names: Sequence[str]) -> str:
     return f"the cameras are called like their videos: {', '.join(names)}"
 
 

@@ -1,11 +1,24 @@
 """The stages of a run in their order: what each is made of, what it writes into `capture.toml`, and what can fail."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from jaxmocap._results import InputError
 
-from ._run_work import NotDetected, RunWork
+from ._run_footage import NotDetected
+from ._run_work import RunWork
+
+_HINTS = {
+    "--method": "jaxmocap sync {capture} --method",
+    "calibrate with --key-step 2": "run jaxmocap calibrate {capture} --replace --key-step 2",
+    "try --key-step 2": "try jaxmocap calibrate {capture} --replace --key-step 2",
+    "another --seed or --key-step": "another --seed",
+    "choose --frames in which the person is whole and not too small, or leave the camera out with --cameras": "cut the "
+    "video to where the person is whole and not too small, or leave it out",
+    " with --resume": "",  # a run goes on by itself
+}
+"""What messages of the verbs say, and how a run says it, which has not all of their options."""
 
 
 class Stage(NamedTuple):
@@ -106,6 +119,13 @@ def stages_of(work: RunWork) -> list[Stage]:
     return found
 
 
+def in_a_run(sentence: str, capture: Path) -> str:
+    """Say a sentence of another verb so that it is true of a run, whose capture is that folder."""
+    for hint, instead in _HINTS.items():
+        sentence = sentence.replace(hint, instead.format(capture=capture))
+    return sentence
+
+
 def do_stage(work: RunWork, stage: Stage) -> Any:
     """Do a stage, and return what it wrote.
 
@@ -118,10 +138,9 @@ def do_stage(work: RunWork, stage: Stage) -> Any:
         if isinstance(error, NotDetected):
             failed = next(one for one in stages_of(work) if one.name == "detect")
         kept = f"; what was done before is kept in {work.folder}, and the same command goes on from there"
-        raise InputError(
-            f"stage '{failed.name}' failed: {str(error).rstrip('.')}. What you can do: {failed.advice}"
-            f"{kept if work.folder.is_dir() else ''}."
-        ) from error
+        kept = kept if work.folder.is_dir() else ""
+        why = in_a_run(str(error), work.folder).rstrip(".")
+        raise InputError(f"stage '{failed.name}' failed: {why}. What you can do: {failed.advice}{kept}.") from error
 
 
 def written(work: RunWork, stage: Stage) -> Any:

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from jaxmocap.calibration._footage import told_focal
+from jaxmocap.capture import index_video
+from jaxmocap.capture.synchronisation._estimate import Undecided
+from jaxmocap.capture.synchronisation._sound import read_sound
 
 SIZE = (160, 90)
 DIAGONAL = float(np.hypot(*SIZE))
@@ -46,3 +49,14 @@ def test_the_equivalent_focal_length_is_read(tmp_path, suffix, metadata, millime
 @pytest.mark.parametrize("value", ["", "wide", "0", "5000", "nan"])
 def test_nonsense_and_silence_tell_nothing(tmp_path, value):
     assert told_focal(video(tmp_path / "phone.mov", {KEY: value} if value else {}), SIZE) is None
+
+
+def test_a_title_in_another_encoding_is_no_obstacle(tmp_path):
+    """Players and editors write such; the sound is read in spite of it too."""
+    path = video(tmp_path / "phone.mp4", {"title": "Grusse aus dem Park", KEY: "26"})
+    content = path.read_bytes()
+    assert content.count(b"Grusse") == 1
+    path.write_bytes(content.replace(b"Grusse", b"Gr\xfc\xdfe "))
+    assert told_focal(path, SIZE) is not None
+    with pytest.raises(Undecided, match="has no sound"):
+        read_sound(index_video(path))

@@ -30,7 +30,10 @@ def seen() -> tuple[Model, dict]:
     """Every frame placed by what it sees, with 10 % false sightings, except one that sees nothing."""
     generator = np.random.default_rng(0)
     names = ("cam0", "cam1")
-    videos = tuple(VideoFootage(name, "", (960, 540), 0, COUNT - 1, FOCAL, False, False, {}, {}) for name in names)
+    videos = tuple(
+        VideoFootage(name, "", (960, 540), 0, COUNT - 1, tuple(range(COUNT)), FOCAL, False, False, {}, {})
+        for name in names
+    )
     reconstruction = pycolmap.Reconstruction()
     for camera in (1, 2):
         lens = pycolmap.Camera(camera_id=camera, model="SIMPLE_RADIAL", width=960, height=540)
@@ -40,7 +43,7 @@ def seen() -> tuple[Model, dict]:
     ids = np.array([reconstruction.add_point3D(point, pycolmap.Track()) for point in points])
     blank = Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
     features = {(camera, frame): blank for camera in range(2) for frame in range(0, COUNT, 3)}
-    model = Model(Footage(videos, (0, 0), seed=1), reconstruction, features)
+    model = Model(Footage(videos, seed=1), reconstruction, features)
     sightings = {}
     for camera in range(2):
         for frame in range(COUNT):

@@ -119,7 +119,7 @@ def test_a_camera_that_stands_still_moves_or_is_moved(tmp_path):
 
     def judged(name: str, image) -> str:
         file = write_video(tmp_path / f"{name}.mp4", 18, image)
-        return _stillness(VideoFootage(name, str(file), SIZE, 0, 17, 430.0, False, False, {}, {}))
+        return _stillness(VideoFootage(name, str(file), SIZE, 0, 17, tuple(range(18)), 430.0, False, False, {}, {}))
 
     def walked(number: int) -> np.ndarray:
         return look(np.array([0.6 - 0.01 * number, 1.5, 4.0]), np.array([0.0, 0.9, 0.0]))

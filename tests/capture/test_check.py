@@ -3,10 +3,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_captures import PERSON, POSES, look_at_pose, make_video, write_keypoints, write_mask, write_model
+from small_captures import (
+    PERSON,
+    POSES,
+    look_at_pose,
+    make_video,
+    number_of,
+    write_keypoints,
+    write_mask,
+    write_model,
+)
 
 from jaxmocap._results import InputError
-from jaxmocap.capture import KEYPOINT_NAMES, Capture, Finding, check
+from jaxmocap.capture import KEYPOINT_NAMES, Capture, Finding, FrameReader, check, index_video
 
 
 def _toml(folder: Path, old: str, new: str) -> None:
@@ -133,6 +142,20 @@ def test_an_mp4_whose_index_promises_more_frames_than_it_holds_is_cut_off(small:
     assert _said(check(small), "error", "cam0.mp4 is cut off", "42 of its frames")
     with pytest.raises(InputError, match=r"cam0\.mp4 is cut off"):
         Capture.open(small)
+
+
+def test_a_video_that_begins_inside_its_file_is_whole(small: Path):
+    """An edit list that begins behind a key frame leaves pictures before it out, but they are in the file."""
+    _toml(small, "frames = 12\n", "")
+    content = bytearray(make_video(small / "cam0.mp4", 60).read_bytes())
+    at = content.find(b"elst") + 16  # its one entry: duration, then where it begins
+    unit = index_video(small / "cam0.mp4").pts[1]
+    content[at : at + 4] = int(45 * unit).to_bytes(4, "big")
+    (small / "cam0.mp4").write_bytes(content)
+    index = index_video(small / "cam0.mp4")
+    assert 10 < index.num_frames < 20
+    assert number_of(FrameReader(index).read(0)) == 60 - index.num_frames
+    assert not _said(check(small), "error", "cut off")
 
 
 def test_timestamps_that_contradict_fps_are_named_and_a_variable_rate_is_noted(small: Path):

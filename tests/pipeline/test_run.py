@@ -19,7 +19,7 @@ from jaxmocap.camera import read_cameras
 from jaxmocap.capture import Capture, PersonOffset, config_path, with_lines, with_offsets
 from jaxmocap.character import Pose
 from jaxmocap.motion import Motion
-from jaxmocap.pipeline import RunResult, _run_options, _run_work, run
+from jaxmocap.pipeline import RunResult, _run_footage, _run_options, _run_work, run
 from jaxmocap.pipeline._made_to_measure import MadeBody
 from jaxmocap.rigging import body
 
@@ -67,7 +67,7 @@ def done(monkeypatch, motion) -> list[str]:
 
     def calibrate(folder, **options):
         names.append("calibrate")
-        cameras = _run_work.free_name(folder, "cameras")
+        cameras = _run_footage.free_name(folder, "cameras")
         cameras.mkdir()
         (cameras / "height").write_text(str(options["height"]))
         (cameras / "static").write_text(str(options["static"]))
@@ -75,6 +75,7 @@ def done(monkeypatch, motion) -> list[str]:
         scale = {"from": "height" if options["camera_distance"] is None else "camera distance"}
         (cameras / "calibration.json").write_text(json.dumps({"cameras": lost, "scale": scale}))
         set_lines(folder, cameras=cameras.name)
+        return SimpleNamespace(record={"warnings": ["up is only guessed"]})
 
     def character_of(capture, **options):
         names.append("body")
@@ -101,7 +102,7 @@ def done(monkeypatch, motion) -> list[str]:
         "with_selected_frames": select, "track_capture": track_capture, "scan": scan,
     }  # fmt: skip
     for name, stand_in in stand_ins.items():
-        monkeypatch.setattr(_run_work, name, stand_in)
+        monkeypatch.setattr(_run_work if hasattr(_run_work, name) else _run_footage, name, stand_in)
     monkeypatch.setattr(_run_options, "require_runner", lambda: None)
     opened = Capture.open
     monkeypatch.setattr(Capture, "open", staticmethod(lambda path, **_: opened(path, with_cameras=False)))
@@ -204,26 +205,143 @@ def test_what_is_corrected_by_hand_counts_and_is_kept(videos, done, tmp_path):
 
 
 def test_a_stage_that_fails_is_named_and_what_was_done_stays(videos, done, tmp_path, monkeypatch):
-    out, good = tmp_path / "dance", _run_work.calibrate
+    out, good = tmp_path / "dance", _run_footage.calibrate
 
     def bad(*_, **__):
         raise InputError("camera 'left' shares no background with the others.")
 
-    monkeypatch.setattr(_run_work, "calibrate", bad)
+    monkeypatch.setattr(_run_footage, "calibrate", bad)
     with pytest.raises(InputError, match=r"stage 'calibrate' failed: camera 'left' .* others\. What you can do: "):
         again(videos, out)
     assert done == ["synchronise", "detect"]
     assert not list(tmp_path.glob("**/*.partial*"))
-    monkeypatch.setattr(_run_work, "calibrate", good)
+    monkeypatch.setattr(_run_footage, "calibrate", good)
     assert again(videos, out)[1] == STAGES[3:]
+
+
+def test_a_body_that_was_made_of_other_keypoints_does_not_tell_the_scale_of_new_cameras(
+    videos, done, tmp_path, monkeypatch
+):
+    """Nor do the cameras of before say which new keypoints are right; what was set by hand does."""
+    out, seen = tmp_path / "dance", []
+    toml = out / "capture" / "capture.toml"
+
+    def noting(module, name):
+        stand_in = getattr(module, name)
+
+        def noted(folder, **options):
+            text = toml.read_text()
+            seen.append((name, "actor =" in text, "cameras =" in text))
+            return stand_in(folder, **options)
+
+        monkeypatch.setattr(module, name, noted)
+
+    noting(_run_footage, "detect")
+    noting(_run_footage, "calibrate")
+    first = [("detect", False, False), ("calibrate", False, False)]
+    after = ("detect", False, True)  # views are held against each other with the cameras just found
+    again(videos, out)
+    assert seen == [*first, after]
+    seen.clear()
+    assert again(videos, out, person={"left": (3.0, 4.0)})[1] == STAGES[2:]
+    assert seen == [*first, after]
+    seen.clear()
+    shutil.copy(out / "capture" / "actor.glb", out / "capture" / "mine.glb")
+    toml.write_text(toml.read_text().replace("actor-2.glb", "mine.glb"))
+    again(videos, out, person={"left": (5.0, 4.0)})
+    assert [actor for _, actor, _ in seen] == [True, True, True]
+
+
+def test_an_offset_with_which_nothing_is_shared_is_refused_at_once(videos, done, tmp_path):
+    with pytest.raises(InputError, match=r"stage 'synchronise' failed: the videos share no moment"):
+        again(videos, tmp_path / "dance", offset={"right_hand": -30})
+    assert done == []
+    assert again(videos, tmp_path / "dance", offset={"right_hand": 0.04})[1] == STAGES[1:]
+
+
+def test_a_pair_that_nothing_ties_directly_is_no_obstacle(videos, done, tmp_path, monkeypatch):
+    stand_in, said = _run_footage.sync, []
+
+    def sync(folder, progress):
+        record = stand_in(folder, progress).record() | {"pairs": [{"used": "sound"}, {"used": None}]}
+        return SimpleNamespace(notes=("it is 2 by sound; choose another with --method",), record=lambda: record)
+
+    monkeypatch.setattr(_run_footage, "sync", sync)
+    again(videos, tmp_path / "dance", say=said.append)
+    assert any(sentence.endswith("; by sound.") for sentence in said)
+    assert any(f"another with jaxmocap sync {tmp_path / 'dance' / 'capture'} --method" in one for one in said)
+    assert "Warning: up is only guessed." in said
+
+
+def test_keypoints_that_were_given_once_are_left_again(videos, done, tmp_path):
+    out, given = tmp_path / "dance", tmp_path / "given"
+    given.mkdir()
+    (given / "left.json").write_text("{}")
+    again(videos, out)
+    again(videos, out, keypoints=given)
+    assert Capture.open(out / "capture").keypoints_folder == out / "capture" / "keypoints-2"
+    assert again(videos, out)[1][0] == "detect"
+    assert Capture.open(out / "capture").keypoints_folder == out / "capture" / "keypoints"
+
+
+def test_how_pictures_are_read_is_an_input_of_what_is_made_of_them(videos, done, tmp_path):
+    out = tmp_path / "dance"
+    again(videos, out)
+    file = out / "capture" / "capture.toml"
+    file.write_text("longest_side = 720\n" + file.read_text())
+    assert again(videos, out)[1] == ["body", "selected frames", "track"]
+    file.write_text("frames = 10\n" + file.read_text())
+    assert again(videos, out)[1] == STAGES[2:]
+
+
+def test_a_run_that_cannot_be_gone_on_with_begins_a_new_result(videos, done, tmp_path, monkeypatch):
+    """Another version, or another machine, would not come to the same bits."""
+    out, good = tmp_path / "dance", _run_work.track_capture
+
+    def cut_off(folder, out, **options):
+        out.mkdir()
+        (out / "half").write_text("")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(_run_work, "track_capture", cut_off)
+    with pytest.raises(KeyboardInterrupt):
+        again(videos, out)
+    monkeypatch.setattr(_run_work, "machine", lambda: "another")
+    monkeypatch.setattr(_run_work, "track_capture", good)
+    assert again(videos, out)[0].folder == out / "result-2"
+
+
+def test_a_run_that_is_cut_off_goes_on_whatever_it_was_doing(videos, done, tmp_path, monkeypatch):
+    """What it wrote itself is not taken for a change by hand."""
+    out, good = tmp_path / "dance", _run_footage.FootageWork._find_person
+    with monkeypatch.context() as cut:
+        cut.setattr(_run_footage.FootageWork, "hash_of", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            again(videos, out)
+    assert (out / "run.json").is_file()
+    calls: list[int] = []
+
+    def second_time(work):
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return good(work)
+
+    with monkeypatch.context() as cut:
+        cut.setattr(_run_footage.FootageWork, "_find_person", second_time)
+        with pytest.raises(KeyboardInterrupt):
+            again(videos, out)
+    said: list[str] = []
+    assert "calibrate" in again(videos, out, say=said.append)[1]
+    assert not any("by hand" in sentence for sentence in said)
 
 
 def test_where_nothing_else_tells_the_time_keypoints_are_asked(videos, done, tmp_path, monkeypatch):
     def bad(*_, **__):
         raise InputError("right cannot be synchronised with left")
 
-    monkeypatch.setattr(_run_work, "sync", bad)
-    monkeypatch.setattr(_run_work, "sync_by_person", lambda folder: None)
+    monkeypatch.setattr(_run_footage, "sync", bad)
+    monkeypatch.setattr(_run_footage, "sync_by_person", lambda folder: None)
     with pytest.raises(InputError, match=r"stage 'synchronise' failed: right cannot be .* --offset right_hand=SECONDS"):
         again(videos, tmp_path / "dance")
     said: list[str] = []
@@ -233,7 +351,7 @@ def test_where_nothing_else_tells_the_time_keypoints_are_asked(videos, done, tmp
         file.write_text(with_offsets(file.read_text(), [0.0, -0.04], file))
         return [PersonOffset(-0.04, 0.95, 0.5)]
 
-    monkeypatch.setattr(_run_work, "sync_by_person", sure)
+    monkeypatch.setattr(_run_footage, "sync_by_person", sure)
     result = run(videos, tmp_path / "dance", height=1.8, say=said.append)
     assert list(result.seconds) == STAGES[1:]
     assert any("Offsets in frames: +0.00, -1.2" in sentence and "likeness 0.95" in sentence for sentence in said)
@@ -257,7 +375,7 @@ def test_offsets_that_are_known_are_taken_and_others_are_not_looked_for(videos, 
 
 
 def test_offsets_that_the_person_corrects_are_no_change_by_hand(videos, done, tmp_path, monkeypatch):
-    stand_in, kept = _run_work.calibrate, []
+    stand_in, kept = _run_footage.calibrate, []
 
     def calibrate(folder, **options):
         stand_in(folder, **options)
@@ -266,7 +384,9 @@ def test_offsets_that_the_person_corrects_are_no_change_by_hand(videos, done, tm
         if not options["keep_offsets"]:
             file.write_text(with_offsets(file.read_text(), [0.0, -0.02], file))
 
-    monkeypatch.setattr(_run_work, "calibrate", calibrate)
+        return SimpleNamespace(record={"warnings": []})
+
+    monkeypatch.setattr(_run_footage, "calibrate", calibrate)
     assert again(videos, tmp_path / "dance")[1] == STAGES
     assert again(videos, tmp_path / "dance")[1] == []
     file = tmp_path / "dance" / "capture" / "capture.toml"
@@ -322,6 +442,15 @@ def test_one_video_is_not_synchronised_and_has_a_camera_that_stands_still(videos
         ({"keypoints": "nothing"}, "--keypoints nothing does not exist"),
         ({"offset": {"me": 0.5}}, "--offset names 'me'; the cameras are called like their videos: left, right_hand"),
         ({"offset": {"left": float("nan")}}, "--offset left=nan: a number of seconds was expected"),
+        (
+            {"focal": {"lefft": 900}},
+            "--focal names 'lefft'; the cameras are called like their videos: left, right_hand",
+        ),
+        ({"focal": {"left": 900}}, "--focal leaves out right_hand"),
+        ({"focal": {"left": -5, "right_hand": 900}}, "--focal left=-5: pixels were expected"),
+        ({"person": {"me": (1, 2)}}, "--person names 'me'"),
+        ({"person": {"right_hand": (50, 2)}}, "--person right_hand=50,2 lies outside the pictures of 48 x 64 pixels"),
+        ({"camera_distance": -3}, "--camera-distance is -3; metres"),
         ({"scan": "nowhere.mp4"}, "--scan nowhere.mp4 does not exist"),
         ({"scan": "walk.mp4", "actor": "me.glb"}, "--scan and --actor are given"),
         ({"scan": "walk.mp4", "height": None, "camera_distance": 2.0}, "--scan does not tell how large the person is"),
@@ -341,6 +470,7 @@ def test_videos_that_cannot_be_used_are_refused(videos, done, tmp_path):
         ([videos[0], broken], "broken.mp4"),
         ([videos[0], tmp_path / "gone.mp4"], "gone.mp4"),
         ([videos[0], videos[0]], "given twice"),
+        ([videos[0], make_video(tmp_path / "photo.mp4", 1)], r"photo\.mp4 holds one picture"),
     ):
         with pytest.raises(InputError, match=words):
             run(given, tmp_path / "dance", height=1.8)

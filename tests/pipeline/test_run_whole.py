@@ -9,7 +9,7 @@ from jaxmocap.calibration import adopt_cameras
 from jaxmocap.capture import config_path, with_offsets
 from jaxmocap.character import stature
 from jaxmocap.metrics import evaluate
-from jaxmocap.pipeline import _run_work, run
+from jaxmocap.pipeline import _run_footage, run
 from jaxmocap.synthetic import make_capture, write_capture
 
 pytestmark = pytest.mark.slow
@@ -24,8 +24,13 @@ def test_videos_and_keypoints_become_a_motion(tmp_path, monkeypatch):
         file.write_text(with_offsets(file.read_text(), [0.0, 0.0], file))
         return type("Found", (), {"notes": (), "record": lambda self: {"cameras": {}, "pairs": []}})()
 
-    monkeypatch.setattr(_run_work, "sync", sync)
-    monkeypatch.setattr(_run_work, "calibrate", lambda folder, **_: adopt_cameras(folder, source / "cameras"))
+    monkeypatch.setattr(_run_footage, "sync", sync)
+
+    def calibrate(folder: Path, **_):
+        adopt_cameras(folder, source / "cameras")
+        return type("Found", (), {"record": {"warnings": []}})()
+
+    monkeypatch.setattr(_run_footage, "calibrate", calibrate)
     height = float(stature(filmed.character))
     said: list[str] = []
     result = run(

@@ -52,7 +52,7 @@ def read_sound(index: VideoIndex) -> Sound:
     name = index.path.name
     pieces: list[tuple[float, np.ndarray]] = []  # seconds of the first sample, samples
     try:
-        with av.open(str(index.path)) as container:
+        with av.open(str(index.path), metadata_errors="replace") as container:
             tracks = [track for track in container.streams.audio if track.codec_context is not None]
             if not tracks:
                 raise Undecided(f"{name} has no sound")
