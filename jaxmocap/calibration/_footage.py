@@ -70,6 +70,10 @@ class VideoFootage:
         """Name the image of a frame in the COLMAP model."""
         return f"{self.name}/{frame:05d}.png"
 
+    def listed_name(self, frame: int) -> str:
+        """Name it in lists, in which blanks part one name from the next; cameras' names have no plus."""
+        return self.image_name(frame).replace(" ", "+")
+
 
 @dataclass(frozen=True)
 class Footage:

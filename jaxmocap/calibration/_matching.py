@@ -65,7 +65,7 @@ def match_key_frames(footage: Footage, path: Path, report: Report) -> dict[Place
             for frame, found in read_features(video, footage.key_frames(camera), footage.num_features):
                 place = camera, frame
                 features[place] = found
-                ids[place] = database.write_image(pycolmap.Image(name=video.image_name(frame), camera_id=camera + 1))
+                ids[place] = database.write_image(pycolmap.Image(name=video.listed_name(frame), camera_id=camera + 1))
                 database.write_keypoints(ids[place], found.points)
                 report("features of key frames", len(features), total)
             _refuse_blank(footage, camera, features)
@@ -108,7 +108,7 @@ def _write_camera(database: pycolmap.Database, footage: Footage, camera: int) ->
 
 def _verify(footage: Footage, path: Path, pairs: list[tuple[Place, Place]], report: Report) -> None:
     """Keep the matches that an epipolar geometry explains."""
-    names = [tuple(footage.videos[c].image_name(f) for c, f in pair) for pair in pairs]
+    names = [tuple(footage.videos[c].listed_name(f) for c, f in pair) for pair in pairs]
     options = pycolmap.TwoViewGeometryOptions()
     options.detect_watermark = False
     options.ransac.max_error = 2.0 * max(max(video.size) for video in footage.videos) / 960

@@ -48,17 +48,18 @@ def calibrate_pictures(
     once around, so that only near ones are matched. Raises `InputError` where fewer than half of them, or six, are
     placed.
     """
-    names = [file.name for file in files]
+    plain = {f"{number:05d}{file.suffix}": file.name for number, file in enumerate(files)}  # lists have no blanks
     with tempfile.TemporaryDirectory(prefix="jaxmocap-") as temporary:
         work = Path(temporary)
         (work / "pictures").mkdir()
-        for file in files:
-            shutil.copyfile(file, work / "pictures" / file.name)
-        job = {"names": names, "size": size, "guess": guess, "focal": focal, "in_order": in_order, "seed": seed}
+        for name, file in zip(plain, files, strict=True):
+            shutil.copyfile(file, work / "pictures" / name)
+        job = {"names": list(plain), "size": size, "guess": guess, "focal": focal, "in_order": in_order, "seed": seed}
         job |= {"threads": cores(), "num_features": NUM_FEATURES}
         (work / "job.json").write_text(json.dumps(job), encoding="utf-8")
         run_worker("pictures", work, progress)
         found = set(json.loads((work / "placed.json").read_text(encoding="utf-8")))
-        placed = tuple(name for name in names if name in found)
+        placed = [name for name in plain if name in found]
         cameras = read_picture_cameras(work / "model", placed, size, any_scale=True)
-    return PlacedPictures(placed, cameras, tuple(name for name in names if name not in found))
+    left_out = tuple(name for given, name in plain.items() if given not in found)
+    return PlacedPictures(tuple(plain[name] for name in placed), cameras, left_out)

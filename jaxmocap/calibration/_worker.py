@@ -39,6 +39,8 @@ def reconstruct(footage: Footage, work: Path, report: Report) -> tuple[Model, Re
     database = work / "database.db"
     features = match_key_frames(footage, database, report)
     reconstruction = map_key_frames(footage, database, work, report)
+    for image in reconstruction.images.values():
+        image.name = image.name.replace("+", " ")  # see `VideoFootage.listed_name`
     model = Model(footage, reconstruction, features)
     refuse_motionless(model)
     off = remove_outliers(model)

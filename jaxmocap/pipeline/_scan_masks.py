@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from json import dumps
 from pathlib import Path
@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, PRNGKeyArray
 from jaxmocap._results import InputError
 from jaxmocap.calibration import PARTS_OF_HEIGHT, SubjectView, fit_scale, triangulate_views
 from jaxmocap.camera import Cameras, look_at_point, world_from_upright, write_cameras
-from jaxmocap.capture import Capture, Undistortion
+from jaxmocap.capture import Capture, Undistortion, camera_names, video_names
 from jaxmocap.geometry import camera_centres
 
 from ._defaults import with_person_masks
@@ -54,15 +54,17 @@ def find_outlines(
     """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        for file in files:
-            shutil.copyfile(file, folder / file.name)
+        names = camera_names(files)
+        videos = video_names(files, names)
+        for name, file in videos.items():
+            shutil.copyfile(file, folder / name)
         upright = replace(cameras, cam_from_world=_upright(cameras))
         poses = np.asarray(upright.cam_from_world, np.float64)[:, 0]
         upright = _scaled(upright, _USUAL_DISTANCE / _distance(poses))
-        _write_capture(folder, files, upright)
+        _write_capture(folder, dict(zip(names, videos, strict=True)), upright)
         detect(folder, weights=weights, say=say, progress=progress)
         upright = _scaled(upright, person_scale(upright, _keypoints(Capture.open(folder)), height))
-        _write_capture(folder, files, upright)
+        _write_capture(folder, dict(zip(names, videos, strict=True)), upright)
         capture = Capture.open(folder)
         character = character_of(capture, height=height, key=key, progress=progress).character
         say("The masks are found: the person is detected, and cut out around the built-in body.")
@@ -75,12 +77,12 @@ def find_outlines(
     return Outlines(np.stack([_enlarged(mask, size) for mask, size in pairs if mask is not None]), upright)
 
 
-def _write_capture(folder: Path, files: Sequence[Path], cameras: Cameras) -> None:
+def _write_capture(folder: Path, pictures: Mapping[str, str], cameras: Cameras) -> None:
     """Write cameras and, once, `capture.toml`, to which detection adds the keypoints."""
-    write_cameras(cameras, folder / "cameras.toml", "aniposelib")
+    write_cameras(replace(cameras, names=tuple(pictures)), folder / "cameras.toml", "aniposelib")
     if (folder / "capture.toml").exists():
         return
-    sections = [f"\n[[camera]]\nname = {dumps(file.stem)}\nvideo = {dumps(file.name)}\n" for file in files]
+    sections = [f"\n[[camera]]\nname = {dumps(name)}\nvideo = {dumps(file)}\n" for name, file in pictures.items()]
     head = 'name = "scan"\nfps = 25\nframes = 1\nunits = "metres"\nup = "y"\ncameras = "cameras.toml"\n'
     (folder / "capture.toml").write_text(head + "selected_frames = [0]\n" + "".join(sections), encoding="utf-8")
 

@@ -47,7 +47,7 @@ def read_views(
             files, guess, scale = frames_of_walk(pictures, Path(place), progress=progress)
             focal = scale * focal if focal is not None else None
         else:
-            files, guess = _pictures(pictures), None
+            files, guess = [_in_place(file, Path(place), cameras is None) for file in _pictures(pictures)], None
         images = {file: _read(file) for file in files}
         sizes = {(image.shape[1], image.shape[0]) for image in images.values()}
         if len(sizes) > 1:
@@ -136,9 +136,23 @@ def _pictures(folder: Path) -> list[Path]:
     return files
 
 
+def _in_place(file: Path, place: Path, upright: bool) -> Path:
+    """Give a picture that its metadata turns as a copy that any program reads alike: upright, or as it is stored, which
+    is how others' cameras see it. Return the picture itself where nothing turns it."""
+    content = np.frombuffer(file.read_bytes(), np.uint8)
+    stored = cv2.imdecode(content, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if len(content) else None
+    turned = None if stored is None else cv2.imdecode(content, cv2.IMREAD_COLOR)
+    if stored is None or turned is None or np.array_equal(stored, turned):
+        return file
+    copy = place / file.name
+    pixels = cv2.imencode(file.suffix, turned if upright else stored, [cv2.IMWRITE_JPEG_QUALITY, 98])[1]
+    copy.write_bytes(pixels.tobytes())
+    return copy
+
+
 def _read(file: Path) -> UInt8[np.ndarray, "height width"]:
     content = np.frombuffer(file.read_bytes(), np.uint8)
-    grey_as_stored = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION  # as COLMAP sees it
+    grey_as_stored = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(content, grey_as_stored) if len(content) else None
     if image is None:
         raise InputError(f"{file} cannot be read as a picture; export it again as JPEG or PNG.")

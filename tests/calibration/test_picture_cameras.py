@@ -12,7 +12,7 @@ from jaxmocap.geometry import align_cameras, camera_residuals
 
 
 def written(folder, pictures):
-    files = [folder / f"{number}.png" for number in range(len(pictures))]
+    files = [folder / f"WhatsApp Image {number} (1).png" for number in range(len(pictures))]
     for file, one in zip(files, pictures, strict=True):
         cv2.imwrite(str(file), one)
     return files

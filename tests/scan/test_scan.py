@@ -1,5 +1,7 @@
 """Balls seen from all around: hulls and surfaces whose radius is known."""
 
+import struct
+
 import cv2
 import jax
 import numpy as np
@@ -7,9 +9,10 @@ import pytest
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, write_cameras
+from jaxmocap.capture import index_video
 from jaxmocap.geometry import face_components
 from jaxmocap.pipeline import scan
-from jaxmocap.pipeline._scan_views import read_views
+from jaxmocap.pipeline._scan_views import _in_place, read_views
 from jaxmocap.scan import Views, overlaps, reconstruct, visual_hull
 
 SIZE, FOCAL, AWAY, RADIUS = 160, 150.0, 1.0, 0.3
@@ -149,3 +152,28 @@ def test_what_is_wrong_with_the_files_is_said(folder):
         scanned(folder)
     with pytest.raises(InputError, match="does not exist; give a video, or the folder"):
         scan(folder / "nowhere", cameras=folder / "cameras.toml", masks=folder / "masks")
+
+
+@pytest.mark.parametrize("cameras", [None, "given"])
+def test_a_picture_that_its_metadata_turns_is_one_for_everybody(cameras, tmp_path):
+    """A phone stores an upright picture lying, and a note on how to turn it, which some programs read."""
+    shown = np.zeros((80, 60, 3), np.uint8)
+    shown[:40, :30] = (0, 0, 255)
+    stored = np.ascontiguousarray(np.rot90(shown))
+    plain = cv2.imencode(".jpg", stored)[1].tobytes()
+    entry = struct.pack("<HHIHH", 0x0112, 3, 1, 6, 0)  # orientation 6: to be turned clockwise
+    note = b"Exif\0\0II*\0" + struct.pack("<IH", 8, 1) + entry + struct.pack("<I", 0)
+    file = tmp_path / "IMG 1.jpg"
+    file.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(note) + 2) + note + plain[2:])
+    place = tmp_path / "place"
+    place.mkdir()
+    copy = _in_place(file, place, upright=cameras is None)
+    assert copy == place / file.name
+    wanted = shown if cameras is None else stored
+    for flags in (cv2.IMREAD_COLOR, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION):
+        found = cv2.imread(str(copy), flags)
+        assert found.shape == wanted.shape
+        assert np.abs(found.astype(int) - wanted).mean() < 5
+    assert index_video(copy).size == (wanted.shape[1], wanted.shape[0])
+    (tmp_path / "plain.jpg").write_bytes(plain)
+    assert _in_place(tmp_path / "plain.jpg", place, upright=True) == tmp_path / "plain.jpg"
