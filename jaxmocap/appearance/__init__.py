@@ -18,6 +18,7 @@ from ._background_grid import (
     similarity_residuals as similarity_residuals,
 )
 from ._colour_model import (
+    TAU as TAU,
     ColourModel as ColourModel,
     ColourSettings as ColourSettings,
     distance as distance,

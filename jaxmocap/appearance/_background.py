@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from jaxmocap._results import InputError
 
 from ._background_grid import GridSettings, grid_ids, grid_triangles, grid_vertices
-from ._colour_model import ColourModel, ColourSettings, psi
+from ._colour_model import TAU, ColourModel, ColourSettings, psi
 from ._fit_colours import fit_colour_models
 from ._palette import Palette, label_image
 
@@ -103,7 +103,7 @@ def background_distance(
             raise ValueError("background_distance needs the palette of the table, or the labels of the window.")
         labels = np.asarray(label_image(palette, image))
     looked_up = np.asarray(table)[np.maximum(ids, 0), labels].astype(np.float32)
-    return np.where(ids >= 0, looked_up, np.float32(colour.tau))
+    return np.where(ids >= 0, looked_up, np.float32(TAU))
 
 
 @eqx.filter_jit

@@ -9,6 +9,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._types import Knob, knob
 
+TAU = 1.0
+"""The barrier of Eq. 3 for colours in [0, 1], and the distance of an element without a model."""
+
 FAR = 1e6
 """Distance of a cluster that does not exist: beyond every barrier."""
 
@@ -24,7 +27,6 @@ class ColourSettings(eqx.Module):
     Attributes:
         s0: standard deviation of the covariance floor, colours in [0, 1].
         kappa: divisor of the squared distance.
-        tau: barrier, and the distance of an element without a model.
         covariance: "full", "diag" (no correlation between channels) or "iso" (their mean variance).
         metric: "mahalanobis", or "euclidean": min over the cluster means of |c - mu|, no covariance, no kappa.
         weights: "off" as printed, or "neglog": add -2 log of the cluster's share of pixels to the squared distance.
@@ -36,7 +38,6 @@ class ColourSettings(eqx.Module):
 
     s0: Knob = knob(0.05)
     kappa: Knob = knob(9.0)
-    tau: Knob = knob(1.0)
     covariance: Literal["full", "diag", "iso"] = eqx.field(static=True, default="full")
     metric: Literal["mahalanobis", "euclidean"] = eqx.field(static=True, default="mahalanobis")
     weights: Literal["off", "neglog"] = eqx.field(static=True, default="off")
@@ -142,5 +143,5 @@ def psi(
     rows = jnp.where(known, element_ids, 0)
     difference = jnp.asarray(colours)[..., None, :] - model.means[rows]
     per_cluster = distance(difference, whiten[rows], offset[rows], settings)
-    nearest = jnp.minimum(jnp.min(per_cluster, axis=-1), settings.tau)
-    return jnp.where(known, nearest, settings.tau)
+    nearest = jnp.minimum(jnp.min(per_cluster, axis=-1), TAU)
+    return jnp.where(known, nearest, TAU)

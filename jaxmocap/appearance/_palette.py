@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Integer, UInt8
 from scipy.spatial import KDTree
 
-from ._colour_model import ColourModel, ColourSettings, distance, psi, whitening
+from ._colour_model import TAU, ColourModel, ColourSettings, distance, psi, whitening
 
 LATTICE = 64
 """Colours are first rounded to a lattice of this many steps per channel."""
@@ -106,7 +106,7 @@ def psi_table(
         clusters = means.shape[0]
         to_colours = [palette.colours - means[k] for k in range(clusters)]
         per_cluster = [distance(to_colours[k], whiten[k], offset[k], settings) for k in range(clusters)]
-        nearest = jnp.full(palette.colours.shape[0], settings.tau)
+        nearest = jnp.full(palette.colours.shape[0], TAU)
         for d in per_cluster:
             nearest = jnp.minimum(nearest, d)
         return nearest.astype(dtype)

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt8
 from jaxmocap._types import Knob, knob
 
 from ._background_grid import GridSettings, grid_ids, grid_triangles, grid_vertices
+from ._colour_model import TAU
 from ._warp import GridWarp
 
 
@@ -104,7 +105,6 @@ def plate_distance(
     plate: Plate,
     image: UInt8[np.ndarray, "height width 3"],
     settings: PlateSettings | None = None,
-    tau: float = 1.0,
 ) -> Float[np.ndarray, "height width"]:
     """Compute psi_b of every pixel against a plate of the same window: min(tau, d^2 / s0^2).
 
@@ -113,7 +113,7 @@ def plate_distance(
     settings = PlateSettings() if settings is None else settings
     pictures = _smoothed(plate.picture, settings.blur), _smoothed(image, settings.blur)
     distance = np.asarray(_least_square(*pictures, settings)) / np.float32(settings.s0) ** 2
-    return np.where(plate.known, np.minimum(distance, np.float32(tau)), np.float32(settings.unknown))
+    return np.where(plate.known, np.minimum(distance, np.float32(TAU)), np.float32(settings.unknown))
 
 
 def renewed_plate(

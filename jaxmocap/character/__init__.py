@@ -60,6 +60,7 @@ from ._pose import (
     rest_pose as rest_pose,
     retract as retract,
     retract_root_twist as retract_root_twist,
+    rewritten_increments as rewritten_increments,
     with_limb as with_limb,
 )
 from ._read_skin import RawSkin as RawSkin, read_skin as read_skin

@@ -7,6 +7,7 @@ that a search that holds on to one of them may be walled in where the other one 
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import equinox as eqx
@@ -136,6 +137,21 @@ def away_from_limits(skeleton: Skeleton, pose: Pose, gain: float = math.radians(
         if room[1] > max(room[0] + gain, 0.0):
             angles[place] = other
     return Pose(pose.root, jnp.asarray(angles))
+
+
+def rewritten_increments(
+    skeleton: Skeleton, before: Pose, after: Pose, increments: Sequence[Float[np.ndarray, " dof"]]
+) -> list[Float[np.ndarray, " dof"]]:
+    """Write increments that led to `before` as those of `after`, the same pose by other angles (host).
+
+    In the other set of a ball joint's angles the middle one goes the other way.
+    """
+    angles, again = np.asarray(before.angles), np.asarray(after.angles)
+    signs = np.ones(skeleton.num_dofs, np.float32)
+    for place, _ in ball_joints(skeleton):
+        if np.cos(again[place.start] - angles[place.start]) < 0:  # half a turn apart
+            signs[ROOT_DOFS + place.start + 1] = -1
+    return list(increments) if (signs > 0).all() else [signs * increment for increment in increments]
 
 
 def nearest_equivalent(skeleton: Skeleton, pose: Pose, target: Pose) -> Pose:

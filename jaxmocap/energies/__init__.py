@@ -20,7 +20,6 @@ from ._lines import (
     surface_lines as surface_lines,
 )
 from ._model_view import (
-    TAU as TAU,
     ModelView as ModelView,
     covered_cost as covered_cost,
     uncovered_cost as uncovered_cost,

@@ -8,14 +8,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxmocap._types import Knob, knob
+from jaxmocap.appearance import TAU
 from jaxmocap.observation import Clusters, FrameProblem
 from jaxmocap.render import WINDOW, KeyLayout, SoftFaces, block_sums, crop, look_up, sum_over_blocks
 
 from ._body import GroupProblem
 from ._term import AbstractTerm, Drawn, SoftDrawn
-
-TAU = 1.0
-"""The barrier of Eq. 3 for colours in [0, 1]."""
 
 
 def covered_cost(foreground: Array, background: Array, epsilon: float | Array = 1e-3) -> Array:

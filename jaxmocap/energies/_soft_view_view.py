@@ -9,9 +9,9 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxmocap._types import Knob
+from jaxmocap.appearance import TAU
 from jaxmocap.render import SoftFaces, expand
 
-from ._model_view import TAU
 from ._term import SoftDrawn
 from ._view_pair import are_near, ordered_pairs, partner_pixels, pixel_transfer, pixels_around
 

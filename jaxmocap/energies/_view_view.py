@@ -9,11 +9,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxmocap._results import InputError
 from jaxmocap._types import Knob, knob
+from jaxmocap.appearance import TAU
 from jaxmocap.render import WINDOW, look_up, sum_over_tiles, tiles_at
 
 from ._body import GroupProblem
-from ._model_view import TAU
 from ._soft_view_view import SoftView, soft_view_view
 from ._term import AbstractTerm, Drawn, SoftDrawn
 from ._view_pair import PixelTransfer, are_near, ordered_pairs, partner_pixels, pixel_transfer
@@ -88,10 +89,10 @@ class _Prepared(NamedTuple):
 class ViewView(AbstractTerm):
     """Eq. 7, summed over ordered camera pairs; `weight` is lambda = 0.3 of Eq. 5.
 
-    `step` scores every step-th pixel in both directions (1 is the paper). `sampling` of the other image: "bilinear" or
-    "nearest". `fail` is the cost of a pixel whose partner is not geodesically near: "tau" (the paper) or "ignore" (left
-    out of the mean). `outside` says the same of partners that leave the other rectangle. `colour_scale` divides the
-    colour distance before the cap (1 is the paper).
+    `step` scores every step-th pixel in both directions: 1 (the paper), 2, 4 or 8. `sampling` of the other image:
+    "bilinear" or "nearest". `fail` is the cost of a pixel whose partner is not geodesically near: "tau" (the paper) or
+    "ignore" (left out of the mean). `outside` says the same of partners that leave the other rectangle. `colour_scale`
+    divides the colour distance before the cap (1 is the paper).
     """
 
     weight: Knob = knob(0.3)
@@ -102,6 +103,10 @@ class ViewView(AbstractTerm):
     outside: Literal["tau", "ignore"] = eqx.field(static=True, default="tau")
 
     name: ClassVar[str] = "view_view"
+
+    def __check_init__(self) -> None:
+        if self.step not in (1, 2, 4, 8):
+            raise InputError(f"view-view consistency scores every step-th pixel, 1, 2, 4 or 8, not {self.step}.")
 
     def _partner(
         self,

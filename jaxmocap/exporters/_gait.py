@@ -58,7 +58,7 @@ class Stride:
         foot: "left" or "right".
         start: of the stride, seconds.
         duration: seconds.
-        length: along the way of walking.
+        length: from where the heel stood to where it stands next, over the ground.
         speed: m/s.
         step_length: of the step that ends it, from the other heel.
         step_width: between the heels, across the way of walking.

@@ -33,8 +33,10 @@ def foot_skate(motion: Motion, height: float = 0.025) -> FootSkate:
 
     The threshold of height is that of Zhang et al., Mode-Adaptive Neural Networks for Quadruped Motion Control (2018),
     who weigh speeds by height where we count them or do not. The ground is taken to be level. Dancers slide on purpose:
-    a large value is a reason to look, not an error.
+    a large value is a reason to look, not an error. Without heels and toes nothing is known.
     """
+    if not {f"{side[0]}_{point}" for side in FEET for point in _POINTS} <= set(motion.joint_names):
+        return FootSkate(np.full((max(len(motion) - 1, 0), len(FEET)), np.nan))
     up = "xyz".index(motion.up)
     names = [[motion.joint_names.index(f"{side[0]}_{point}") for point in _POINTS] for side in FEET]
     places = motion.joints[:, names].astype(np.float64)  # frame, foot, point, 3

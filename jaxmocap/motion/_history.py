@@ -7,7 +7,15 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from jaxmocap._results import InputError
-from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, away_from_limits, difference, nearest_equivalent
+from jaxmocap.character import (
+    ROOT_DOFS,
+    Pose,
+    Skeleton,
+    away_from_limits,
+    difference,
+    nearest_equivalent,
+    rewritten_increments,
+)
 
 Order = Literal["ridge", "quadratic", "velocity"]
 MINIMUM_FOR_RIDGE = 7  # differences, that is eight poses
@@ -104,11 +112,12 @@ def after(
     skeleton: Skeleton, history: MotionHistory | None, timestamp: float, pose: Pose, angles: AngleChoice
 ) -> MotionHistory:
     """Return the history of the frame that follows one with this pose."""
-    increments = ()
+    increments: tuple[np.ndarray, ...] = ()
+    written = away_from_limits(skeleton, pose) if angles == "away_from_limits" else pose
     if history is not None:
         before = nearest_equivalent(skeleton, history.pose, pose) if angles == "away_from_limits" else history.pose
         step = np.asarray(difference(skeleton, before, pose)) / history.steps
-        increments = (*history.increments, *[step] * history.steps)[-WINDOW:]
-    return MotionHistory(
-        timestamp, away_from_limits(skeleton, pose) if angles == "away_from_limits" else pose, increments
-    )
+        known = rewritten_increments(skeleton, history.pose, before, history.increments)
+        known = rewritten_increments(skeleton, pose, written, [*known, *[step] * history.steps])
+        increments = tuple(known[-WINDOW:])
+    return MotionHistory(timestamp, written, increments)

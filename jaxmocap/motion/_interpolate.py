@@ -51,7 +51,9 @@ def at_times(motion: Motion, times: Float[np.ndarray, " time"]) -> Motion:
     if len(times) == 0 or times[0] < begin - _SLACK or times[-1] > end + _SLACK:
         raise InputError(f"The motion lasts from {begin:g} to {end:g} s; other times cannot be interpolated.")
     if len(motion) == 1:
-        return motion
+        if len(times) > 1:
+            raise InputError(f"The motion has one frame, at {begin:g} s; {len(times)} times cannot be interpolated.")
+        return replace(motion, frames=np.arange(1))
     times = np.clip(times, begin, end)
     after = np.clip(np.searchsorted(motion.timestamps, times, side="right"), 1, len(motion) - 1)
     share = (times - motion.timestamps[after - 1]) / (motion.timestamps[after] - motion.timestamps[after - 1])

@@ -15,7 +15,6 @@ from ._detections import (
     stacked_keypoints as stacked_keypoints,
 )
 from ._edges import (
-    background_edges as background_edges,
     image_edges as image_edges,
     mask_edges as mask_edges,
     unit_gradient as unit_gradient,

@@ -56,7 +56,7 @@ class CleanPlate:
         """Compute psi_b in a window (rows, columns) of the image."""
         settings = self.settings
         plate = Plate(self.plate.picture[window], self.plate.known[window])
-        return plate_distance(plate, self.image[window], settings.plate, float(settings.colour.tau))
+        return plate_distance(plate, self.image[window], settings.plate)
 
     def learnt(self, person: Bool[np.ndarray, "height width"], window: Window) -> "CleanPlate":
         """Return the plate after its frame has been tracked."""

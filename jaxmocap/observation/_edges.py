@@ -13,21 +13,6 @@ def image_edges(
     return cv2.Canny(gray, low, high) > 0, unit_gradient(gray)
 
 
-def background_edges(
-    distance: Float[np.ndarray, "height width"], threshold: float = 0.5
-) -> tuple[Bool[np.ndarray, "height width"], Float[np.ndarray, "height width 2"]]:
-    """Outline what does not look like the background: psi_b of Eq. 3, cleaned by a median, cut at `threshold`.
-
-    Where clothes have strong patterns their edges outshine the silhouette's in a Canny picture; this one has none
-    inside.
-    """
-    levels = cv2.medianBlur(np.clip(distance * 255, 0, 255).astype(np.uint8), 5)
-    smooth = cv2.GaussianBlur(levels.astype(np.float32) / 255, (0, 0), 1.0)
-    foreign = (smooth > threshold).astype(np.uint8)
-    outline = (foreign > 0) & (cv2.erode(foreign, np.ones((3, 3), np.uint8), borderValue=1) == 0)
-    return outline, unit_gradient(cv2.GaussianBlur(smooth, (0, 0), 1.5))
-
-
 def mask_edges(
     mask: Bool[np.ndarray, "height width"],
 ) -> tuple[Bool[np.ndarray, "height width"], Float[np.ndarray, "height width 2"]]:

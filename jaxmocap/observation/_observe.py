@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -15,15 +15,11 @@ from jaxmocap.character import Character, Pose, filled_up, skin
 
 from ._background import Background, BackgroundModel
 from ._detections import DetectorOffsets, expected_keypoints, nearest_person, stacked_keypoints
-from ._edges import background_edges
 from ._features import FeatureSettings
 from ._flow import FlowAhead
 from ._problem import Frame, FrameImages, FrameProblem, build_problem
 from ._rectangle import Rectangle
 from ._surface import filled_surface, surface_of
-
-EdgeSource = Literal["canny", "background"]
-"""Where contours look for their edge: in the Canny picture (the paper), or at the outline of what is not background."""
 
 
 class Registered(Protocol):
@@ -117,7 +113,6 @@ class Observations:
         rectangle: Rectangle,
         pose: Pose,
         background: Background,
-        edges: EdgeSource = "canny",
         detector: DetectorOffsets | None = None,
     ) -> tuple[Frame, Background]:
         """Observe one frame as arrays, and what is known of the background with it. `pose` is the prediction,
@@ -128,7 +123,6 @@ class Observations:
             for camera, image in enumerate(shown.images)
         ]
         distances, background = self.background.distances(background, shown, rectangle, pose, labels)
-        outline = edges == "background" and self.appearance.settings.behind != "none"
         problem = build_problem(
             shown.images,
             rectangle,
@@ -138,17 +132,14 @@ class Observations:
             self.surface,
             labels,
             distances,
-            [background_edges(distance) for distance in distances] if outline else None,
-            self._detected(shown.frame, pose),
-            None if detector is None else detector.metres(),
+            keypoints=self._detected(shown.frame, pose),
+            keypoint_offsets=None if detector is None else detector.metres(),
         )
         return Frame(shown, rectangle, problem), background
 
-    def problem(
-        self, shown: FrameImages, rectangle: Rectangle, pose: Pose, edges: EdgeSource = "canny"
-    ) -> FrameProblem:
+    def problem(self, shown: FrameImages, rectangle: Rectangle, pose: Pose) -> FrameProblem:
         """Observe one frame as arrays, by itself: its background is that of the selected frames."""
-        return self.observe(shown, rectangle, pose, self.background.start(), edges)[0].problem
+        return self.observe(shown, rectangle, pose, self.background.start())[0].problem
 
     def detector(self) -> DetectorOffsets:
         """Learn from the selected frames where the detector sees the landmarks."""

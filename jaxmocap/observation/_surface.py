@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from jaxmocap._cache import cached_jit
-from jaxmocap.appearance import Appearance, ColourSettings, ForegroundModel, distance, whitening
+from jaxmocap.appearance import TAU, Appearance, ColourSettings, ForegroundModel, distance, whitening
 from jaxmocap.character import Character
 from jaxmocap.geometry import faces_within, pack_rows
 
@@ -28,7 +28,7 @@ class Clusters(eqx.Module):
         """Compute psi_f of Eq. 3, exactly."""
         gap = colour[..., None, :] - self.means[camera, face]
         each = distance(gap, self.whiten[camera, face], self.offset[camera, face], self.settings)
-        return jnp.minimum(each.min(-1), self.settings.tau)
+        return jnp.minimum(each.min(-1), TAU)
 
 
 class Surface(eqx.Module):

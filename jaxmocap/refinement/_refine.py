@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jaxmocap._results import InputError
 from jaxmocap._types import Knob, knob
 from jaxmocap.character import Pose, Skeleton, difference, retract
 from jaxmocap.energies import ContourSettings, Keypoints, LandmarkRays, contour_lines, keypoint_rays
@@ -17,6 +18,9 @@ from jaxmocap.refiners import AbstractRefiner, LeastSquares
 
 from ._least_squares import Prior, Rows, descend, free_prior
 from ._surface_flow import FlowSettings, Source, padded, picture_source, same_time_sources, surface_flow
+
+EVIDENCE_SCALE = np.float32(0.02)
+"""Metres that count as 1 in the J^T J that a refinement tells, whatever counts as 1 in what it minimises."""
 
 
 class RefineWeights(eqx.Module):
@@ -49,8 +53,6 @@ class RefinePlan:
         steps: of Gauss-Newton per round.
         robust_start: widens the robust scale of the first round; halved every round.
         contours: how contours look for their edge.
-        edges: where they look: "canny", the Canny picture (the paper), or "background", the outline of what is not
-            background.
         surface_flow: adds the correspondences transferred over the surface from the selected frames and the other
             views.
         weights: of the rows and the prior.
@@ -62,11 +64,17 @@ class RefinePlan:
     steps: int = 2
     robust_start: float = 1.0
     contours: ContourSettings = field(default_factory=ContourSettings)
-    edges: Literal["canny", "background"] = "canny"
     surface_flow: bool = False
     weights: RefineWeights = field(default_factory=RefineWeights)
     refiner: AbstractRefiner = field(default_factory=LeastSquares)
     autoregression: Literal["ridge", "quadratic", "velocity"] = "ridge"
+
+    def __post_init__(self) -> None:
+        if self.rounds < 1 or self.steps < 1:
+            raise InputError(
+                f"a refinement has one round of one step at least, not {self.rounds} of {self.steps}; to leave it out "
+                "say refine=off."
+            )
 
 
 @dataclass(frozen=True)
@@ -120,7 +128,7 @@ class Refinement:
     def __call__(
         self, frame: Frame, pose: Pose, history: MotionHistory | None
     ) -> tuple[Pose, Float[np.ndarray, "dof dof"] | None]:
-        """Refine the pose; return it with J^T J of the last step."""
+        """Refine the pose; return it with J^T J of the last step, of rows in units of `EVIDENCE_SCALE`."""
         plan, skeleton, problem = self.plan, self.character.skeleton, frame.problem
         base = history.pose if history is not None else pose
         prior = self._motion_prior(base, history)
@@ -131,7 +139,8 @@ class Refinement:
             delta = difference(skeleton, base, pose)
             delta, hessian = descend(self.character, base, delta, rows, points, prior, plan.refiner, steps=plan.steps)
             pose = retract(skeleton, base, delta)
-        return pose, np.asarray(hessian) if hessian is not None else None
+        unit = np.float32(plan.weights.residual_scale) / EVIDENCE_SCALE
+        return pose, unit**2 * np.asarray(hessian) if hessian is not None else None
 
     def _detection_rows(self, problem: FrameProblem, plan: DetectionPlan) -> LandmarkRays:
         scale = self.plan.weights.residual_scale / np.sqrt(max(plan.weight, 1e-9))

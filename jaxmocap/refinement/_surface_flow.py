@@ -10,7 +10,7 @@ paper's [4].
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import cv2
 import jax
@@ -107,7 +107,7 @@ class FlowSettings:
     """
 
     samples: int = 800
-    preset: str = "medium"
+    preset: Literal["ultrafast", "fast", "medium"] = "medium"
 
 
 def _view(intrinsics, cam_from_world, vertices, ids, origin: tuple[int, int]) -> View:

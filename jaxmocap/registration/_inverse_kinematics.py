@@ -8,7 +8,16 @@ from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import View, triangulate
-from jaxmocap.character import ROOT_DOFS, Character, Pose, clamp, landmark_positions, pose_from_vector, retract
+from jaxmocap.character import (
+    ROOT_DOFS,
+    Character,
+    Pose,
+    Skeleton,
+    clamp,
+    landmark_positions,
+    pose_from_vector,
+    retract,
+)
 from jaxmocap.energies import LandmarkRays, keypoint_rays
 from jaxmocap.observation import stacked_keypoints
 from jaxmocap.refiners import AbstractRefiner, RefineProblem
@@ -104,8 +113,13 @@ def inverse_kinematics(
         anew = _best_of(character, base, lines, refiner, jnp.asarray(start))
         cost, delta = anew if anew[0] < cost else (cost, delta)
     pose = clamp(skeleton, retract(skeleton, base, delta))
+    return pose, keypoint_distance(skeleton, pose, lines)
+
+
+def keypoint_distance(skeleton: Skeleton, pose: Pose, lines: LandmarkRays) -> float:
+    """Measure the RMS distance of a pose's landmarks to the rays of keypoints, metres; NaN without any."""
     square = jnp.sum(lines.distances(landmark_positions(skeleton, pose)) ** 2, -1)
-    return pose, float(jnp.sqrt(jnp.mean(square, where=lines.weight > 0)))
+    return float(jnp.sqrt(jnp.mean(square, where=lines.weight > 0)))
 
 
 def _best_of(

@@ -2,6 +2,7 @@
 needed."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +33,7 @@ from ._fit_silhouette import (
     intersection_over_union,
     search_silhouettes,
 )
-from ._inverse_kinematics import inverse_kinematics
+from ._inverse_kinematics import inverse_kinematics, keypoint_distance
 from ._pose_file import Overrides, apply_overrides
 
 FACE_WEIGHT = 1.0
@@ -76,7 +77,6 @@ def register_frame(
     views = range(cameras.num_cameras)
     view = cameras.at(frame)
     keypoints = [capture.keypoints(c, frame) for c in views]
-    rms = float("nan")
     if start is None and all(points is None for points in keypoints):
         if not overrides:
             name = f"{capture.camera_names[0]}_{int(capture.video_frames[0, frame]):05d}_keypoints.json"
@@ -86,7 +86,7 @@ def register_frame(
             )
         start = rest_pose(character.skeleton)
     if start is None:
-        pose, rms = inverse_kinematics(
+        pose, _ = inverse_kinematics(
             character, view, keypoints, settings.refiner, where=f"frame {frame} of capture '{capture.name}'"
         )
     else:
@@ -95,17 +95,8 @@ def register_frame(
     if overrides:
         pose, fixed = apply_overrides(character, pose, overrides)
     seen = jnp.asarray(stacked_keypoints(keypoints))
-    landmarks = (
-        keypoint_rays(
-            character.skeleton,
-            view.intrinsics,
-            view.cam_from_world,
-            seen,
-            KEYPOINT_SCALE,
-            table=BODY_25 | FACE,
-            face=FACE_WEIGHT,
-        ),
-    )
+    rays = partial(keypoint_rays, character.skeleton, view.intrinsics, view.cam_from_world, seen)
+    landmarks = (rays(KEYPOINT_SCALE, table=BODY_25 | FACE, face=FACE_WEIGHT),)
     images = [capture.image(c, frame) for c in views]
     masks = [capture.mask(c, frame) for c in views]
     if surface is None:
@@ -129,9 +120,9 @@ def register_frame(
     searched = False
     agreement = _agreement(character, pose, problem, cropped)
     if np.nanmin(np.append(agreement, 1.0)) < settings.search_below:
-        searched = True
-        solid = jnp.asarray(np.stack([m if m is not None else np.zeros(problem.size) for m in cropped]), jnp.float32)
-        if all(m is not None for m in cropped):
+        searched = all(m is not None for m in cropped)
+        if searched:
+            solid = jnp.asarray(np.stack([m for m in cropped if m is not None]), jnp.float32)
             found = search_silhouettes(character, pose, problem, solid, key, fixed)
             found = fit_to_masks(character, found, problem, landmarks, settings, fixed)
             better = _agreement(character, found, problem, cropped)
@@ -141,7 +132,7 @@ def register_frame(
         crops = [rectangle.crop(image, c) for c, image in enumerate(images)]
         pose = fit_between_views(character, pose, problem, crops, landmarks, settings, fixed, masked)
         agreement = _agreement(character, pose, problem, cropped)
-    return Registration(frame, pose, agreement, rms, searched)
+    return Registration(frame, pose, agreement, keypoint_distance(character.skeleton, pose, rays()), searched)
 
 
 def _agreement(character, pose, problem, masks) -> Float[np.ndarray, "camera"]:

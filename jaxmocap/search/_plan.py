@@ -17,7 +17,7 @@ class SearchPlan:
     """Set the effort of the search, whichever the sampler.
 
     Attributes:
-        step: every `step`-th pixel, along rows and columns, is looked at; 1 is the paper.
+        step: every `step`-th pixel, along rows and columns, is looked at: 1 (the paper), 2 or 4.
         iterations: sets of particles, one after the other; 25 is the paper.
         faces: share of the mesh's faces that a particle is drawn with; 1 is the paper.
         particles: per group; None is 2^n + 40 for n degrees of freedom (the paper).
@@ -49,6 +49,8 @@ class SearchPlan:
     groups: Literal["hierarchy", "whole"] = "hierarchy"
 
     def __post_init__(self) -> None:
+        if self.step not in (1, 2, 4):
+            raise InputError(f"a search looks at every pixel, every second or every fourth (1, 2, 4), not {self.step}.")
         if self.groups == "whole" and self.particles is None:
             raise InputError(
                 "a search of the whole body at once needs a number of particles: 2^n of n DoFs are too many."

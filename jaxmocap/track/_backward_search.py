@@ -55,10 +55,10 @@ def search_backwards(
 ) -> dict[int, Pose]:
     """Search better poses of earlier frames, by position in `tracked`; the last frame is the one just tracked.
 
-    A doubtful limb is searched from where it was one frame later, or halfway from there to where it was last seen, from
-    the youngest doubtful frame to the oldest; then the frames are refined from the oldest to the youngest. A pose
-    counts when it lowers Eq. 5 by `margin`. A limb that is not doubtful but leaves its way in the last frame but one is
-    searched there from halfway.
+    A doubtful limb is searched from where it was one frame later, or on the way from there to where it was last seen,
+    of which every frame takes an even part, from the youngest doubtful frame to the oldest; then the frames are refined
+    from the oldest to the youngest. A pose counts when it lowers Eq. 5 by `margin`. A limb that is not doubtful but
+    leaves its way in the last frame but one is searched there from halfway.
     """
     better = dict[int, Pose]()
     costs = np.stack([one.result.limb_costs for one in tracked])

@@ -117,10 +117,7 @@ class FrameTracker:
             rectangle = frame_rectangle(vertices, self.observations.cameras, shown.frame, before, speed)
             if before is not None and before.size != rectangle.size:
                 free_programs()  # those of the smaller rectangle are not needed again and hold 100 to 250 MB each
-            edges = self.tracker.refine.edges if self.tracker.refine is not None else "canny"
-            frame, background = self.observations.observe(
-                shown, rectangle, pose, state.background, edges, state.detector
-            )
+            frame, background = self.observations.observe(shown, rectangle, pose, state.background, state.detector)
             return frame, state._replace(rectangle=rectangle, background=background)
 
     def search(

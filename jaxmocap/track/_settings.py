@@ -69,7 +69,7 @@ def _converted(part: Any, kind: Any, value: Any, name: str) -> Any:
         for k in kinds:
             try:
                 return _as_kind(k, value)
-            except (ValueError, TypeError):
+            except (ValueError, TypeError, OverflowError):
                 continue
     raise InputError(f"setting '{name}' is {value!r}, but {wanted} was expected.")
 

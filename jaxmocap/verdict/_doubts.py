@@ -68,8 +68,9 @@ def doubts(
     risky = looked_at & (probability(FRAME_MODEL.logit(features)) > settings.risk)
     fast = looked_at & np.array([result.status == "doubtful" for result in results])
     why = np.full(len(results), "", object)
-    if deviations is not None:
-        why[looked_at & (steadied(deviations, settings.steady) > settings.joint_deviation)] = UNTOLD
+    if deviations is not None and looked_at.any():
+        told = np.where(looked_at, deviations, np.median(deviations[looked_at]))
+        why[looked_at & (steadied(told, settings.steady) > settings.joint_deviation)] = UNTOLD
     why[fast] = FAST
     parts = FRAME_MODEL.reasons(features)
     for first, stop in runs(risky):

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap.appearance import ColourModel, ColourSettings, fit_colour_models, psi
+from jaxmocap.appearance import TAU, ColourModel, ColourSettings, fit_colour_models, psi
 
 
 def symmetric(six):
@@ -32,8 +32,8 @@ def model():
 def direct_psi(model, element, colour, settings):
     """Eq. 3 with the floor, written out cluster by cluster."""
     if element < 0 or not bool(model.valid[element]):
-        return float(settings.tau)
-    distances = [float(settings.tau)]
+        return TAU
+    distances = [TAU]
     for k in range(int(model.cluster_count[element])):
         difference = np.asarray(colour, np.float64) - np.asarray(model.means[element, k], np.float64)
         if settings.metric == "euclidean":
@@ -57,13 +57,12 @@ def direct_psi(model, element, colour, settings):
     [
         ColourSettings(),
         ColourSettings(s0=0.15, kappa=1),
-        ColourSettings(tau=0.3),
         ColourSettings(covariance="diag"),
         ColourSettings(covariance="iso"),
         ColourSettings(metric="euclidean"),
         ColourSettings(weights="neglog"),
     ],
-    ids=["default", "literal", "tau", "diag", "iso", "euclidean", "neglog"],
+    ids=["default", "literal", "diag", "iso", "euclidean", "neglog"],
 )
 def test_psi_is_the_direct_formula(model, settings):
     rng = np.random.default_rng(1)
@@ -80,7 +79,7 @@ def test_elements_without_a_model_stay_at_the_barrier(model):
 
 
 def test_psi_gradients_agree_with_finite_differences(model):
-    settings = ColourSettings(tau=100.0)
+    settings = ColourSettings()
     ids = jnp.array([0, 1, 2, 0])
     colours = model.means[ids, 0] + 0.05
 

@@ -56,16 +56,16 @@ def test_what_the_child_process_reads_is_what_was_written(footage, tmp_path):
 
 
 def test_large_pictures_are_searched_smaller_and_their_points_lie_where_they_are():
-    """The points of a picture of 3840 pixels are those of the one of 1920 that it was made of, twice as far out."""
+    """The points of a picture of 3840 pixels are those of the one of 960 that it was made of, four times as far out."""
     generator = np.random.default_rng(3)
     noise = generator.integers(0, 255, (135, 240), dtype=np.uint8)
-    small = cv2.cvtColor(cv2.resize(noise, (1920, 1080), interpolation=cv2.INTER_CUBIC), cv2.COLOR_GRAY2RGB)
+    small = cv2.cvtColor(cv2.resize(noise, (960, 540), interpolation=cv2.INTER_CUBIC), cv2.COLOR_GRAY2RGB)
     large = cv2.resize(small, (3840, 2160), interpolation=cv2.INTER_NEAREST)
-    person = np.zeros((1080, 1920), bool)
-    person[:, :400] = True
+    person = np.zeros((540, 960), bool)
+    person[:, :200] = True
     found = detect(small, person, 300)
-    again = detect(large, np.kron(person, np.ones((2, 2), bool)), 300)
+    again = detect(large, np.kron(person, np.ones((4, 4), bool)), 300)
     pairs = match(found, again)
     assert len(pairs) == len(found.points) > 100
-    np.testing.assert_allclose(again.points[pairs[:, 1]], 2 * found.points[pairs[:, 0]], atol=0.1)
-    assert again.points[:, 0].min() > 2 * 380
+    np.testing.assert_allclose(again.points[pairs[:, 1]], 4 * found.points[pairs[:, 0]], atol=0.2)
+    assert again.points[:, 0].min() > 4 * 190

@@ -33,6 +33,17 @@ def test_a_character_that_slides_skates_at_its_speed_whatever_the_vertical_axis(
         assert skate.summary() == pytest.approx({"mean": 0.5, "p95": 0.5}, rel=1e-3)
 
 
+def test_of_a_skeleton_without_feet_nothing_is_known():
+    motion = moved(TIMES[:, None] * [0.3, 0, 0.4])
+    skeleton = motion.character.skeleton
+    names = tuple(name.replace("heel", "hoof") for name in skeleton.landmark_names)
+    footless = replace(motion.character, skeleton=replace(skeleton, landmark_names=names))
+    skate = foot_skate(replace(motion, character=footless))
+    assert skate.speed.shape == (5, 2)
+    assert np.isnan(skate.speed).all()
+    assert skate.summary() == {}
+
+
 def test_standing_still_is_no_skate_and_in_the_air_there_is_none():
     still = np.zeros((6, 3))
     assert foot_skate(moved(still)).summary() == {"mean": 0, "p95": 0}

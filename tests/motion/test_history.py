@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from jaxmocap._results import InputError
-from jaxmocap.motion import predict_difference
+from jaxmocap.character import landmark_positions, rest_pose, retract
+from jaxmocap.motion import after, predict_difference
+from jaxmocap.rigging import body
 
 
 def poses(frames):
@@ -85,3 +87,24 @@ def test_prediction_of_tiny_differences_is_finite():
 def test_unknown_mode_is_named():
     with pytest.raises(InputError, match="'cubic'"):
         predict_difference(jnp.zeros((3, 1)), mode="cubic")
+
+
+def test_a_steady_turn_goes_on_where_a_ball_joint_changes_its_set_of_angles():
+    """An upper arm that turns by 4 degrees a frame, and is written by its other angles in some frame on its way."""
+    skeleton = body().skeleton
+    turning = skeleton.dof_names.index("l_shoulder_abd")
+    step, begin = np.zeros((2, skeleton.num_dofs), np.float32)
+    begin[turning - 1 : turning + 2] = np.radians([177.0, -100.0, 110.0])
+    step[turning] = np.radians(4.0)
+    pose = retract(skeleton, rest_pose(skeleton), jnp.asarray(begin))
+    history, rewritten = after(skeleton, None, 0.0, pose, "away_from_limits"), 0
+    for frame in range(1, 45):
+        pose = retract(skeleton, pose, jnp.asarray(step))
+        history = after(skeleton, history, frame / 30, pose, "away_from_limits")
+        rewritten += not np.allclose(history.pose.angles, pose.angles, atol=1e-3)
+        for mode in ("velocity", "ridge"):
+            predicted = retract(skeleton, history.pose, jnp.asarray(history.predicted(mode), jnp.float32))
+            following = retract(skeleton, pose, jnp.asarray(step))
+            places = [np.asarray(landmark_positions(skeleton, one)) for one in (predicted, following)]
+            np.testing.assert_allclose(places[0], places[1], atol=1e-3)
+    assert 0 < rewritten < 44

@@ -187,6 +187,13 @@ def test_contacts_at_other_times_begin_and_end_when_they_did(motion):
     assert "contacts" not in at_times(replace(motion, cameras=None), standing.timestamps).provenance
 
 
+def test_a_single_frame_is_shown_at_its_time_and_at_no_others(motion):
+    one = replace(motion, cameras=None)[[2]]
+    assert at_times(one, one.timestamps).frames.tolist() == [0]
+    with pytest.raises(InputError, match=r"has one frame, at .* 3 times cannot be interpolated"):
+        at_times(one, np.repeat(one.timestamps, 3))
+
+
 def test_what_lies_between_a_lost_frame_and_the_next_is_not_trusted(motion):
     spans = [{"part": "left arm", "first": 5, "last": 5, "why": "hidden"}]
     risks = {"frames": motion.frames.tolist(), "frame": [0.0] * 6}

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from jaxmocap.observation import (
-    background_edges,
     dense_flow,
     flow_agrees,
     image_edges,
@@ -67,21 +66,6 @@ def test_a_mask_cut_by_the_picture_has_no_edge_there():
     assert not outline[0, 35:55].any()
     assert outline[5:15, 30].all()
     assert outline[19, 35:55].all()
-
-
-def test_outline_of_what_is_not_background(disc):
-    """Single wrong pixels are cleaned away; the outline is that of the disc, pointing inward."""
-    rng = np.random.default_rng(0)
-    distance = np.where(disc, 0.9, 0.05).astype(np.float32)
-    distance[rng.integers(0, 100, 60), rng.integers(0, 120, 60)] = 1.0
-    outline, gradient = background_edges(distance)
-    y, x = np.nonzero(outline)
-    radius = np.hypot(x - 60, y - 50)
-    assert len(radius) > 150
-    assert np.abs(radius - 29.5).max() < 2
-    inward = np.stack([60 - x, 50 - y], 1) / radius[:, None]
-    assert ((gradient[outline] * inward).sum(1) > 0.9).all()
-    assert not background_edges(np.full((30, 30), 0.3, np.float32))[0].any()
 
 
 @pytest.fixture(scope="module")

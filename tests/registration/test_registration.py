@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from perturbed import moved
 
 from jaxmocap._results import InputError
 from jaxmocap.character import landmark_positions, pose_vector, skin
@@ -59,6 +60,13 @@ def test_joint_limits_hold(world, registered):
 
 
 QUICK = RegistrationSettings(rounds=2, view_flow=0)
+
+
+def test_the_distance_to_the_keypoints_is_that_of_the_pose_in_the_end(world, registered):
+    """A start that is far off comes to the keypoints, and they count though no inverse kinematics asked for them."""
+    start = moved(world, 0, root_tx=0.05)
+    found = register(world.capture, world.cameras, world.character, (0,), start=start)[0]
+    assert found.keypoint_rms == pytest.approx(registered[0].keypoint_rms, abs=0.003)
 
 
 def test_overrides_stay_as_they_were_given(world):

@@ -210,6 +210,19 @@ def test_background_covered_and_person_uncovered_count_alike_and_as_the_mean_ove
         assert told(results) == expected
 
 
+def test_frames_passed_over_do_not_say_that_little_is_known_of_their_neighbours(true_result):
+    """With flashes they may be most of what lies around a good frame, and of them nothing at all is known."""
+    known = 0.5 * SETTINGS.joint_deviation
+    looked_at = np.array([place not in (1, 2, 4, 5, 7, 8) for place in range(10)])
+    energy = dict(true_result.energy)
+    results = [replace(true_result, frame=n, energy=energy if seen else {}) for n, seen in enumerate(looked_at)]
+    deviations = np.where(looked_at, known, 6 * SETTINGS.joint_deviation)
+    assert [doubt.why for doubt in doubted(results, deviations=deviations)] == [
+        doubt.why for doubt in doubted(results, deviations=np.full(10, known))
+    ]
+    assert UNTOLD in [doubt.why for doubt in doubted(results, deviations=6 * deviations)]
+
+
 def test_where_little_is_known_of_the_joints_the_frame_is_doubtful_but_its_pixels_are_not(true_result):
     results = frames(true_result, 6, bare={4: 1.0, 5: 1.0})
     known, unknown = 0.9 * SETTINGS.joint_deviation, 1.1 * SETTINGS.joint_deviation
