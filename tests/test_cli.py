@@ -224,12 +224,14 @@ def test_frames_that_are_not_there_are_refused(frames, words, film, tmp_path, ca
         ('{"0": {"l_elbow_flexion": 30}}', "l_elbow_flexion"),
         ('{"0": {"l_elbow_flex": 300}}', "limits"),
         ('{"0": {"l_elbow_flex": "bent"}}', "number"),
+        ('{"1": {"l_elbow_flex": 30}}', "frame 1, which is not registered"),
     ],
 )
 def test_pose_files_that_cannot_be_used_are_refused(content, words, film, tmp_path, capsys):
     (tmp_path / "pose.json").write_text(content)
-    sentence = refused(["track", film, "--out", tmp_path / "out", "--pose", tmp_path / "pose.json"], capsys)
-    assert words in sentence
+    for verb in ("track", "register", *(["segment"] if "not registered" in words else [])):
+        sentence = refused([verb, film, "--out", tmp_path / "out", "--pose", tmp_path / "pose.json"], capsys)
+        assert words in sentence
     assert not (tmp_path / "out").exists()
 
 

@@ -15,7 +15,7 @@ CaptureOrVideos = Annotated[
     tuple[Path, ...],
     tyro.conf.Positional,
     tyro.conf.arg(
-        metavar="CAPTURE",
+        metavar="CAPTURE | VIDEO ...",
         help="Capture folder, or its capture.toml; with --out two or more videos.",
         help_behavior_hint="",
     ),

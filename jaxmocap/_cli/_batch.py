@@ -34,7 +34,7 @@ def batch(
         tuple[Path, ...],
         tyro.conf.Positional,
         tyro.conf.arg(
-            metavar="TAKE",
+            metavar="TAKE ...",
             help="Capture folders, or a takes.toml that lists captures and videos.",
             help_behavior_hint="",
         ),

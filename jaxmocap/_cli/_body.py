@@ -73,7 +73,6 @@ def body(
         num_faces=triangles,
     )
     tall = round(float(stature(character)), 4)
-    out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(out) as temporary:
         character.save_glb(temporary)
     record = {"out": out, "model": model, "height_m": tall, "triangles": len(character.faces)}

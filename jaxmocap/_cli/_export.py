@@ -8,7 +8,7 @@ from rich.table import Table
 
 from jaxmocap._results import InputError
 
-from ._arguments import ActorFile, Json
+from ._arguments import Json
 from ._output import say, show
 
 
@@ -18,8 +18,8 @@ def export(
         tuple[Path, ...],
         tyro.conf.arg(
             metavar="FILE ...",
-            help="New files, each in the format of its suffix: .glb .bvh .c3d .trc .mot .osim .csv .isb.csv "
-            ".isb.mot .gait.json .parquet .usd .colmap.",
+            help="New files, each in the format of its suffix: .glb .fbx .blend .bvh .c3d .trc .mot .osim .csv "
+            ".isb.csv .isb.mot .gait.json .parquet .usd .usda .usdc .colmap.",
         ),
     ],
     units: Annotated[
@@ -38,7 +38,14 @@ def export(
             help_behavior_hint="(default: the frames as they were filmed)",
         ),
     ] = None,
-    actor: ActorFile = None,
+    actor: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE.glb",
+            help="Character whose file .glb, .fbx and .blend move, where the tracked one's has gone elsewhere.",
+            help_behavior_hint="(default: the tracked one's)",
+        ),
+    ] = None,
     mass: Annotated[
         float | None,
         tyro.conf.arg(
@@ -77,6 +84,8 @@ def export(
     from jaxmocap.exporters import EXPORTERS, check_rig, checked_exporter, export_motion
     from jaxmocap.motion import Motion
 
+    if not to:
+        raise InputError("--to names no file; give one at least, such as --to dance.glb.")
     if len(set(to)) < len(to):
         raise InputError("--to names a file twice; give every file once.")
     checked = {path: checked_exporter(path, EXPORTERS, units, up, frame_rate, mass, opensim_model) for path in to}

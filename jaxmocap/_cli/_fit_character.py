@@ -65,7 +65,6 @@ def fit_character(
                 "the capture and name them as masks, or let jaxmocap run do it all; nothing was changed."
             )
         fit = fit.scaled_to(height)
-    out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(out) as temporary:
         fit.character.save_glb(temporary)
         if scale_cameras:

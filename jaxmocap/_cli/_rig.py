@@ -133,7 +133,6 @@ def rig(
         mapping=mapping,
         anew=anew,
     )
-    out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(out) as temporary:
         rigged.character.save_glb(temporary)
     if picture is not None:

@@ -18,7 +18,9 @@ def run_videos(
     videos: Annotated[
         tuple[Path, ...],
         tyro.conf.Positional,
-        tyro.conf.arg(metavar="VIDEO", help="Two or three videos of the same moment; or one.", help_behavior_hint=""),
+        tyro.conf.arg(
+            metavar="VIDEO ...", help="Two or three videos of the same moment; or one.", help_behavior_hint=""
+        ),
     ],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="New folder for everything; an earlier run in it goes on.")],
     height: Annotated[

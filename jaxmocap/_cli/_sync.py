@@ -29,6 +29,8 @@ def sync(
 
     with progress() as report:
         found = sync(capture, out, method=method, frames=open_span(frames) or (0, None), progress=report)
+    if out is not None:
+        say(f"{out} is a new capture, with copies of the videos; next: jaxmocap detect {out}.")
     record = found.record()
     for note in found.notes:
         say(f"{note}.")

@@ -24,8 +24,10 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary path beside `path`, with the same suffix, to code that writes a file by name (a video encoder).
 
     When the block ends well, the file is flushed to disk and renamed to `path`; when it raises, the file is deleted.
+    Its folder is made if need be.
     """
     path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{secrets.token_hex(6)}.partial.{path.name}")
     try:
         yield temporary

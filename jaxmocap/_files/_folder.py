@@ -56,7 +56,7 @@ def check_output(path: Path, *, overwrite: bool = False, keep: tuple[str, ...] =
     names = sorted(entry.name for entry in path.iterdir())
     is_result = _MOTION in names
     if is_result and not overwrite:
-        raise InputError(f"The folder {path} already holds the result of another run; choose another, or overwrite it.")
+        raise InputError(f"The folder {path} already holds the result of another run; choose another, or delete it.")
     foreign = [name for name in names if name not in keep and not name.startswith(_STAGING)]
     if foreign and not is_result:
         raise InputError(

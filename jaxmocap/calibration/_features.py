@@ -15,10 +15,6 @@ from ._footage import VideoFootage
 _CONTRAST = 0.015  # below OpenCV's 0.04: a lawn or a plastered wall has little
 _BLUR = 1.25  # pixels, against the sensor's noise: of a noisy video two to three times as many features match
 _RATIO = 0.8
-_LONGEST = 960
-"""Pixels of the longer side on which features are looked for, as many as everything else sees. Of two films of 960
-pixels, made 640 for it, cameras come out as good or better in half the time."""
-
 _MASK_MARGIN = 15  # pixels at a width of 960
 _BOX_REACH = 5  # frames for which a box of another frame still tells where the person is
 _BOX_GROWTH = 0.02  # of the box's size per frame between
@@ -44,7 +40,8 @@ def person_mask(video: VideoFootage, frame: int) -> Bool[np.ndarray, "height wid
     width, height = video.size
     if frame in video.masks:
         margin = 2 * round(_MASK_MARGIN * max(width, height) / 960) + 1
-        mask = read_mask(Path(video.masks[frame]), video.size).astype(np.uint8)
+        mask = read_mask(Path(video.masks[frame]), video.recorded_size or video.size).astype(np.uint8)
+        mask = cv2.resize(mask, video.size, interpolation=cv2.INTER_NEAREST)
         return cv2.dilate(mask, np.ones((margin, margin), np.uint8)) > 0
     covered = np.zeros((height, width), bool)
     near = min(video.boxes, key=lambda other: abs(other - frame), default=None)
@@ -60,16 +57,7 @@ def person_mask(video: VideoFootage, frame: int) -> Bool[np.ndarray, "height wid
 def detect(
     image: UInt8[np.ndarray, "height width 3"], person: Bool[np.ndarray, "height width"], count: int
 ) -> Features:
-    """Find at most `count` features, those of the strongest contrast, outside the person.
-
-    Pictures longer than 960 pixels are made smaller for it; the points are those of the picture as it is.
-    """
-    height, width = person.shape
-    shrink = min(1.0, _LONGEST / max(width, height))
-    if shrink < 1:
-        size = round(shrink * width), round(shrink * height)
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        person = cv2.resize(person.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    """Find at most `count` features, those of the strongest contrast, outside the person."""
     detector = cv2.SIFT_create(  # pyright: ignore[reportAttributeAccessIssue]
         nfeatures=count, contrastThreshold=_CONTRAST, enable_precise_upscale=True
     )
@@ -78,7 +66,6 @@ def detect(
     if not found or raw is None:
         return Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
     places = np.array([point.pt for point in found], np.float32) + 0.5
-    places *= np.float32(width / person.shape[1]), np.float32(height / person.shape[0])
     places, first = np.unique(places, axis=0, return_index=True)  # one of a place's several orientations
     raw = raw[first]
     roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-6))
@@ -86,11 +73,14 @@ def detect(
 
 
 def read_features(video: VideoFootage, frames: Iterable[int], count: int) -> Iterator[tuple[int, Features]]:
-    """Decode the frames, in order, and find their features."""
+    """Decode the frames, in order, made as large as the footage says, and find their features."""
     reader = FrameReader(index_video(Path(video.path)))
     try:
         for frame in frames:
-            yield frame, detect(reader.read(frame), person_mask(video, frame), count)
+            image = reader.read(frame)
+            if video.recorded_size is not None:
+                image = cv2.resize(image, video.size, interpolation=cv2.INTER_AREA)
+            yield frame, detect(image, person_mask(video, frame), count)
     finally:
         reader.close()
 

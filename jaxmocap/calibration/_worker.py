@@ -36,7 +36,7 @@ def reconstruct(footage: Footage, work: Path, report: Report) -> tuple[Model, Re
     quarter of the time and moved the centres away from the truth, from 0.15 to 0.20 cm, since a texture's false match
     repeats from frame to frame. Raises `InputError` for footage that cannot be used.
     """
-    database = work / "database.db"
+    database, recorded, footage = work / "database.db", footage, footage.reduced()
     features = match_key_frames(footage, database, report)
     reconstruction = map_key_frames(footage, database, work, report)
     for image in reconstruction.images.values():
@@ -48,7 +48,23 @@ def reconstruct(footage: Footage, work: Path, report: Report) -> tuple[Model, Re
     repairs = repair(model, sightings, report)
     outliers = sorted({*off, *repairs.outliers})
     again = sorted({*off, *repairs.placed_again} - {*repairs.interpolated})
+    _enlarge(reconstruction, recorded)
+    model.footage = recorded
     return model, Repairs(outliers, again, sorted(repairs.interpolated))
+
+
+def _enlarge(reconstruction: pycolmap.Reconstruction, recorded: Footage) -> None:
+    """Bring lenses and points from the pixels that were looked at to those of the videos as recorded."""
+    for number, video in enumerate(recorded.videos, start=1):
+        lens = reconstruction.cameras[number]
+        factor = np.array(video.size) / [lens.width, lens.height]
+        if (factor == 1).all():
+            continue
+        lens.rescale(*video.size)
+        for image in reconstruction.images.values():
+            if image.camera_id == number:
+                for point in image.points2D:
+                    point.xy = factor * point.xy
 
 
 def write_result(model: Model, repairs: Repairs, folder: Path) -> None:

@@ -6,6 +6,7 @@ from ._check_geometry import check_subject as check_subject, triangulated_people
 from ._check_videos import SYNC_REPORT as SYNC_REPORT
 from ._choose_frames import ChosenFrames as ChosenFrames, choose_frames as choose_frames
 from ._config import (
+    LONGEST_SIDE as LONGEST_SIDE,
     CaptureConfig as CaptureConfig,
     Finding as Finding,
     config_path as config_path,
@@ -19,7 +20,12 @@ from ._edit_config import (
     with_lines as with_lines,
     with_offsets as with_offsets,
 )
-from ._picture_steps import Undistortion as Undistortion, mask_file as mask_file, read_mask as read_mask
+from ._picture_steps import (
+    Undistortion as Undistortion,
+    mask_file as mask_file,
+    read_mask as read_mask,
+    reduced_size as reduced_size,
+)
 from ._sync_plan import (
     SyncPlan as SyncPlan,
     camera_names as camera_names,

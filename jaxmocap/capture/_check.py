@@ -56,7 +56,9 @@ def _cameras(capture: Capture, findings: list[Finding]) -> Cameras | None:
     path = capture.cameras_path
     if path is None:
         findings.append(
-            Finding("note", "cameras", f"there are no cameras; run jaxmocap calibrate {capture.folder} before tracking")
+            Finding(
+                "warning", "cameras", f"there are no cameras; run jaxmocap calibrate {capture.folder} before tracking"
+            )
         )
         return None
     if not path.exists():
@@ -160,6 +162,8 @@ def check(path: str | Path, frames: tuple[int, int | None] | None = None) -> lis
     findings += check_videos(config, indices)
     findings += check_sync(file, config)
     capture = _build_what_can_be(file, config, indices, findings)
+    if capture is not None:
+        findings += check_shared_frames(capture)
     if capture is not None and frames is not None:
         capture = _attempt(findings, "frames", lambda whole=capture: _between(whole, *frames))
     if capture is not None:
@@ -168,7 +172,6 @@ def check(path: str | Path, frames: tuple[int, int | None] | None = None) -> lis
         cameras = _cameras(capture, findings)
         findings += check_keypoints(capture)
         findings += check_masks(capture)
-        findings += check_shared_frames(capture)
         if cameras is not None:
             findings += check_paths(capture, cameras)
             findings += _about_person(capture, cameras)

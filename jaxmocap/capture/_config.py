@@ -117,6 +117,13 @@ def config_path(path: str | Path) -> Path:
     """Find the configuration file of a capture given as its folder or as the file itself."""
     path = Path(path)
     file = path / "capture.toml" if path.is_dir() else path
+    if path.is_file() and path.suffix.lower() != ".toml":
+        raise InputError(
+            f"{path} is no capture: a folder with a capture.toml, or that file itself, was expected. Of videos "
+            "jaxmocap sync makes one (--out DIR), and jaxmocap run does everything"
+        )
+    if path.is_dir() and not file.exists() and (path / "motion.npz").exists():
+        raise InputError(f"{path} holds a result; the capture that it was made of was expected")
     if not file.is_file():
         raise InputError(f"{file} does not exist; expected a capture folder with a capture.toml, or the file itself")
     return file

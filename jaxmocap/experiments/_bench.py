@@ -9,7 +9,7 @@ from typing import Any, Literal
 from jaxmocap._results import InputError
 from jaxmocap.baselines import METHODS
 
-from ._gate import Figure, complaints, figures_of, write_figures
+from ._gate import Figure, complaints, figures_of, read_baseline, write_figures
 from ._paper import comparison, paper
 from ._report import write_report
 from ._run import Inputs, Run, Trial
@@ -82,6 +82,10 @@ def bench(
     trials = _trials(quick, captures, methods, frames, quality, seeds)
     if only is not None:
         trials = _matching(trials, only)
+    presets = sorted({trial.run.quality for trial in trials})
+    about = {"quick": quick, "quality": ", ".join(presets)}
+    if gate is not None:
+        read_baseline(Path(gate), **about)  # raises before hours of work, not behind them
     records = sweep(
         [trial.run for trial in trials],
         out,
@@ -96,8 +100,6 @@ def bench(
     if _has_pyarrow():
         files["parquet"] = write_table(rows, out / "runs.parquet")
     files["figures"] = out / "figures.json"
-    presets = sorted({trial.run.quality for trial in trials})
-    about = {"quick": quick, "quality": ", ".join(presets)}
     write_figures(figures, files["figures"], **about)
     small = f"Quick: six frames per capture, one seed, preset {about['quality']}. Not for conclusions."
     notes = [small] if quick and not captures else []

@@ -103,16 +103,14 @@ def write_figures(figures: Sequence[Figure], path: Path, **about: Any) -> None:
     write_json(path, {**about, "figures": list(figures)})
 
 
-def complaints(figures: Sequence[Figure], path: Path, **about: Any) -> list[str]:
-    """List what is worse than in a baseline file, a sentence each.
+def read_baseline(path: Path, **about: Any) -> list[dict[str, Any]]:
+    """Read the figures of a baseline file.
 
-    Raises `InputError` if it cannot be read, is one of other runs (`about`, as in `write_figures`), or has no figure in
-    common.
+    Raises `InputError` if it cannot be read, or is one of other runs (`about`, as in `write_figures`).
     """
     try:
         whole = json.loads(path.read_text())
-        baseline = whole["figures"]
-        known = {entry["metric"]: entry for entry in baseline}
+        baseline = [{**entry, "metric": entry["metric"]} for entry in whole["figures"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"the baseline {path} cannot be read ({error}); give the figures.json of an earlier run."
@@ -122,6 +120,16 @@ def complaints(figures: Sequence[Figure], path: Path, **about: Any) -> list[str]
             raise InputError(
                 f"the baseline {path} has {name} {whole[name]}, this run {value}; give one of runs like these."
             )
+    return baseline
+
+
+def complaints(figures: Sequence[Figure], path: Path, **about: Any) -> list[str]:
+    """List what is worse than in a baseline file, a sentence each.
+
+    Raises `InputError` as `read_baseline` does, and where there is no figure in common.
+    """
+    baseline = read_baseline(path, **about)
+    known = {entry["metric"]: entry for entry in baseline}
     missing = sorted(set(known) - {str(one["metric"]) for one in figures})
     if len(missing) == len(known):
         raise InputError(f"the baseline {path} is one of other experiments: it has no figure in common with this run.")

@@ -77,9 +77,9 @@ def retargeted(motion: Motion, form: ExportForm) -> Retargeted:
         worlds[:, number, :3, 3] = place - turn @ rest[joint]
     before, after, lowered = (100 * length for length in (*stance.slides, stance.lowered))
     told = (
-        f"{form.name}: the path is {stance.scale:.2f} times as long, as the legs of {form.rig.name} are; feet slide by "
-        f"up to {after:.1f} cm where they stand ({before:.1f} cm in the motion)"
-        + (f", to which the hips are lowered by up to {lowered:.1f} cm." if lowered >= _SAID else ".")
+        f"{form.name}: the path is scaled by {stance.scale:.2f}, as the legs of {form.rig.name} are; planted feet "
+        f"slide by up to {after:.1f} cm ({before:.1f} cm in the motion)"
+        + (f", and the hips are lowered by up to {lowered:.1f} cm so that feet reach." if lowered >= _SAID else ".")
     )
     numbers = {joint: number for number, joint in enumerate(joints)}
     return Retargeted(

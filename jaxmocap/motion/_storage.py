@@ -69,7 +69,8 @@ def save(motion: Motion, folder: str | os.PathLike[str], *, overwrite: bool = Fa
     path = folder / "motion.npz"
     if path.exists() and not overwrite:
         raise InputError(
-            f"The folder {folder} already holds the result of another run; choose another, or overwrite it."
+            f"The folder {folder} already holds the result of another run; choose another, delete it, or say "
+            "overwrite=True."
         )
     created = not folder.exists()
     data, report = npz_bytes(_arrays(motion)), json_text(_report(motion))

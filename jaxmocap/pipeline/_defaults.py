@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from jaxtyping import PRNGKeyArray
 
+from jaxmocap._results import InputError
 from jaxmocap.capture import Capture, choose_frames
 from jaxmocap.character import Character
 from jaxmocap.registration import Overrides, PersonMask, PersonMasks, SegmentationSettings, masks_of, segment_person
@@ -22,9 +23,15 @@ def with_selected_frames(
 ) -> tuple[Capture, dict]:
     """Choose selected frames from the capture's keypoints if it names none; return it with a record of that.
 
-    They are `within` (first, end). Frames whose pose is given by `overrides` are among those chosen.
+    They are `within` (first, end). Frames whose pose is given by `overrides` are among those chosen; where the capture
+    names its own, `InputError` is raised for a pose of another frame.
     """
     if capture.selected_frames is not None:
+        if unknown := sorted(set(overrides or {}) - set(capture.selected_frames)):
+            raise InputError(
+                f"a pose is given for frame {unknown[0]}, which is not registered; the selected frames of capture "
+                f"'{capture.name}' are {', '.join(map(str, capture.selected_frames))}."
+            )
         return capture, {"frames": _own_numbers(capture), "source": "capture"}
     chosen = choose_frames(capture, capture.cameras, within=within)
     given = [frame for frame in overrides or {} if frame < capture.num_frames]

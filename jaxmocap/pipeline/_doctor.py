@@ -34,6 +34,8 @@ EXTRAS = {
     "rerun": ("rerun-sdk", "view --rerun"),
     "detect": ("ai-edge-litert", "detect"),
     "bodies": ("anny", "body --model anny"),
+    "cluster": ("distributed", "--workers of batch and bench"),
+    "bench": ("evosax", "the method cma-es of bench"),
 }
 """Optional parts: the package each needs, and what it is for."""
 

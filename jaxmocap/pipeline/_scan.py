@@ -104,7 +104,6 @@ def scan(
     if poor:
         say(f"{', '.join(poor)}: the surface fits the mask badly; look at mask and camera.")
     if out is not None:
-        Path(out).parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(Path(out)) as temporary:
             rigged.character.save_glb(temporary, colours)
     return ScannedActor(found, rigged, colours, report)

@@ -20,7 +20,7 @@ from jaxmocap._results import InputError
 from jaxmocap._spans import read_span
 
 _LONGEST, _LONGEST_NAME = 2000, 255  # characters of a path, bytes of a name
-_OF_VIDEOS = ("camera_distance", "focal", "scan", "person", "keypoints", "static")
+_OF_VIDEOS = ("camera_distance", "focal", "offset", "scan", "person", "keypoints", "static")
 _EXPECTED = {
     "name": "the name of a folder, of letters, digits, spaces and the signs . _ -",
     "capture": 'a capture folder, such as "monday/walk"',
@@ -30,6 +30,7 @@ _EXPECTED = {
     "actor": 'a file, such as "ann.glb"',
     "camera_distance": "metres, such as 2.35",
     "focal": "pixels by camera, such as { left = 1480 }",
+    "offset": "seconds to add to a camera's own time, such as { right = -0.4 }",
     "scan": 'a video or a folder of pictures, such as "walk_around.mp4"',
     "person": "a pixel by camera, such as { right = [430, 250] }",
     "keypoints": 'a folder, such as "keypoints"',
@@ -69,6 +70,7 @@ class TakeEntry(BaseModel):
         actor: the person's character or scan.
         camera_distance: of videos, as are those below and as `run` has them: metres between the first two cameras.
         focal: pixels, by camera.
+        offset: seconds to add to a camera's own time, by camera.
         scan: a video once around the person, or a folder of pictures.
         person: pixel on the person in the first picture, by camera.
         keypoints: folder of a detector's files.
@@ -84,6 +86,7 @@ class TakeEntry(BaseModel):
     actor: _Path | None = None
     camera_distance: FiniteFloat | None = None
     focal: dict[str, FiniteFloat] | None = None
+    offset: dict[str, FiniteFloat] | None = None
     scan: _Path | None = None
     person: dict[str, Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]] | None = None
     keypoints: _Path | None = None

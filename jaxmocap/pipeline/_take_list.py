@@ -62,7 +62,7 @@ def _listed(entry: TakeEntry, file: Path, common: TakeOptions) -> Take:
             f"{file}: take '{entry.name}' is made of videos, for which single settings cannot be changed; leave --set "
             "out, or list captures only"
         )
-    told |= entry.given(place, "camera_distance", "focal", "scan", "person", "keypoints", "static")
+    told |= entry.given(place, "camera_distance", "focal", "offset", "scan", "person", "keypoints", "static")
     return VideosTake(entry.name, tuple(place / video for video in entry.videos), RunOptions(**told))
 
 

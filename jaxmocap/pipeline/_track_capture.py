@@ -171,12 +171,6 @@ def track_capture(
         checkpoint = Checkpoint(kept_in, run_inputs)
         capture, selection = with_selected_frames(capture, overrides, say)
         selected = capture.selected_frames or (0,)
-        unknown = sorted(set(overrides or {}) - set(selected))
-        if unknown:
-            raise InputError(
-                f"the pose file {pose_file} sets frame {unknown[0]}, which is not registered; the selected frames of "
-                f"capture '{capture.name}' are {', '.join(map(str, selected))}."
-            )
         capture.look_ahead(selected)
 
         def make() -> Prepared:

@@ -48,6 +48,8 @@ def read_pose_file(path: str | Path) -> Overrides:
 
     Raises `InputError` for anything else.
     """
+    if not Path(path).is_file():
+        raise InputError(f"the pose file {path} does not exist.")
     try:
         raw = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

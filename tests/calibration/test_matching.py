@@ -1,13 +1,16 @@
-"""Which pictures are matched with each other, and the features in them."""
+"""Which pictures are matched with each other, and how large they are when they are looked at."""
 
-import cv2
+from dataclasses import replace
+
+import cv2  # noqa: F401  (before pycolmap: the other order crashes)
 import numpy as np
+import pycolmap
 import pytest
 from small_captures import make_video
 
-from jaxmocap.calibration._features import detect, match
 from jaxmocap.calibration._footage import Footage, footage_of
 from jaxmocap.calibration._matching import frame_pairs, key_pairs
+from jaxmocap.calibration._worker import _enlarge
 from jaxmocap.capture import Capture
 
 FAST, SLOW = 60, 30  # pictures a second
@@ -55,17 +58,23 @@ def test_what_the_child_process_reads_is_what_was_written(footage, tmp_path):
     assert Footage.from_file(file) == footage
 
 
-def test_large_pictures_are_searched_smaller_and_their_points_lie_where_they_are():
-    """The points of a picture of 3840 pixels are those of the one of 960 that it was made of, four times as far out."""
-    generator = np.random.default_rng(3)
-    noise = generator.integers(0, 255, (135, 240), dtype=np.uint8)
-    small = cv2.cvtColor(cv2.resize(noise, (960, 540), interpolation=cv2.INTER_CUBIC), cv2.COLOR_GRAY2RGB)
-    large = cv2.resize(small, (3840, 2160), interpolation=cv2.INTER_NEAREST)
-    person = np.zeros((540, 960), bool)
-    person[:, :200] = True
-    found = detect(small, person, 300)
-    again = detect(large, np.kron(person, np.ones((4, 4), bool)), 300)
-    pairs = match(found, again)
-    assert len(pairs) == len(found.points) > 100
-    np.testing.assert_allclose(again.points[pairs[:, 1]], 4 * found.points[pairs[:, 0]], atol=0.2)
-    assert again.points[:, 0].min() > 4 * 190
+def test_large_pictures_are_made_as_large_as_everything_else_sees_them(footage):
+    """Boxes and focal lengths with them; what is small enough is left alone."""
+    assert footage.reduced() == footage
+    large = replace(footage.videos[0], size=(3840, 2160), focal=3600.0, boxes={3: (400.0, 800.0, 1200.0, 2000.0)})
+    small = large.reduced()
+    assert (small.size, small.recorded_size, small.focal) == ((960, 540), (3840, 2160), 900.0)
+    assert small.boxes == {3: (100.0, 200.0, 300.0, 500.0)}
+    assert small.reduced() == small
+
+
+def test_what_was_found_in_small_pictures_is_told_in_pixels_of_the_video(footage):
+    reconstruction = pycolmap.Reconstruction()
+    lens = pycolmap.Camera(camera_id=1, model="SIMPLE_RADIAL", width=64, height=48, params=[60.0, 32.0, 24.0, 0.1])
+    reconstruction.add_camera_with_trivial_rig(lens)
+    image = pycolmap.Image(name="fast/00000.png", keypoints=np.array([[10.0, 20.0]]), camera_id=1, image_id=1)
+    reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d())
+    recorded = replace(footage, videos=(replace(footage.videos[0], size=(128, 96)),))
+    _enlarge(reconstruction, recorded)
+    np.testing.assert_allclose(reconstruction.cameras[1].params, [120, 64, 48, 0.1])
+    np.testing.assert_allclose(reconstruction.images[1].points2D[0].xy, [20, 40])

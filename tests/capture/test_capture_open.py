@@ -358,6 +358,13 @@ def test_a_folder_without_a_configuration_is_refused(tmp_path: Path):
     assert str(tmp_path / "capture.toml") in _sentence(tmp_path)
 
 
+def test_a_video_and_a_result_are_no_captures(small: Path, tmp_path: Path):
+    assert "cam0.mp4 is no capture: a folder with a capture.toml" in _sentence(small / "cam0.mp4")
+    (tmp_path / "result").mkdir()
+    (tmp_path / "result" / "motion.npz").write_bytes(b"")
+    assert "holds a result; the capture that it was made of" in _sentence(tmp_path / "result")
+
+
 def test_a_capture_without_cameras_in_it_is_refused(small: Path):
     (small / "capture.toml").write_text('name = "x"\n')
     assert "'camera' is missing; expected one [[camera]] section per video" in _sentence(small)

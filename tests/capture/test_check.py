@@ -291,7 +291,7 @@ def test_a_capture_without_cameras_and_keypoints_says_what_is_next(small: Path):
     _toml(small, 'keypoints = "keypoints"\n', "")
     findings = check(small)
     assert _of(findings, "error") == []
-    assert _said(findings, "note", "run jaxmocap calibrate")
+    assert _said(findings, "warning", "run jaxmocap calibrate")
     assert _said(findings, "note", "there are no keypoints")
 
 

@@ -106,7 +106,9 @@ def test_the_gate_exits_with_one_on_a_planted_regression(quick_runs, tmp_path, c
     assert command([*arguments, str(tmp_path / "worse"), "--gate", baseline]) == 1
     complaint = "comparison, mean of 6 captures, ours: marker error: 2.0 cm, was 1.0"
     assert complaint in capsys.readouterr().err.replace("\n", " ")
-    assert command([*arguments, str(tmp_path / "other"), "--quality", "normal", "--gate", baseline]) == 2
+    other = tmp_path / "other"
+    assert command([*arguments, str(other), "--quality", "normal", "--gate", baseline]) == 2
+    assert not other.exists()  # said before anything is run
     assert "has quality draft, this run normal" in capsys.readouterr().err.replace("\n", " ")
 
 

@@ -43,6 +43,7 @@ def test_the_command_writes_every_file_asked_for(result, even, tmp_path, capsys)
     [
         (["--to", "dance.fly"], "the suffix .fly, which names no format; expected one of .glb, .bvh"),
         (["--to", "dance"], "has no suffix"),
+        (["--to"], "--to names no file; give one at least"),
         (["--to", "dance.bvh", "--frame-rate", "0"], "the frame rate is 0; expected frames per second, more than 0"),
         (["--to", "dance.bvh", "--frame-rate", "nan"], "the frame rate is nan"),
         (["--to", "dance.glb", "--units", "cm"], ".glb files have units = m by definition"),

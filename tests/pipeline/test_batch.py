@@ -219,7 +219,8 @@ def test_a_list_of_takes_names_captures_and_videos_with_what_is_known_of_them(ta
         [[take]]
         name = "outside"
         videos = ["left.mp4", "right.mp4"]
-        focal = { left = 60 }
+        focal = { left = 60, right = 70 }
+        offset = { right = -0.4 }
         person = { right = [3, 4.5] }
         static = true
     """)
@@ -230,7 +231,8 @@ def test_a_list_of_takes_names_captures_and_videos_with_what_is_known_of_them(ta
     assert [told[name]["height"] for name in told] == [1.8, 1.8, 1.6, 1.8]
     assert {options["quality"] for options in told.values()} == {"draft"}
     assert {options["seed"] for options in told.values()} == {5}
-    assert told["outside"]["focal"] == {"left": 60}
+    assert told["outside"]["focal"] == {"left": 60, "right": 70}
+    assert told["outside"]["offset"] == {"right": -0.4}
     assert told["outside"]["person"] == {"right": (3, 4.5)}
     assert told["outside"]["static"] is True
     assert found.takes[3].report == tmp_path / "out" / "outside" / "result" / "report.html"

@@ -53,9 +53,9 @@ def test_numbers_that_cannot_be_converted_are_refused_in_a_sentence(tmp_path, te
 
 
 def test_missing_and_binary_files_are_refused_in_a_sentence(tmp_path):
-    with pytest.raises(InputError, match=r"nowhere\.json cannot be read as JSON \(.*No such file"):
+    with pytest.raises(InputError, match=r"nowhere\.json does not exist"):
         read_pose_file(tmp_path / "nowhere.json")
-    with pytest.raises(InputError, match="cannot be read as JSON"):
+    with pytest.raises(InputError, match="does not exist"):
         read_pose_file(tmp_path)
     (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00{")
     with pytest.raises(InputError, match="cannot be read as JSON"):

@@ -303,8 +303,9 @@ def test_a_movie_turns_once_round_and_a_picture_is_the_first_view(world, tmp_pat
     _, motion = world
     monkeypatch.setattr(turntable, "_TURN", 0.3)
     motion.save(tmp_path / "result")
-    assert run(["view", str(tmp_path / "result"), "--movie", str(tmp_path / "turn.mp4")]) == 0
-    with av.open(str(tmp_path / "turn.mp4")) as movie:
+    turn = tmp_path / "a new folder" / "turn.mp4"
+    assert run(["view", str(tmp_path / "result"), "--movie", str(turn)]) == 0
+    with av.open(str(turn)) as movie:
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
     step = float(np.median(np.diff(motion.timestamps)))
     assert len(frames) == FRAMES * int(np.ceil(0.3 / (FRAMES * step)))
