@@ -235,6 +235,12 @@ def test_pose_files_that_cannot_be_used_are_refused(content, words, film, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+def test_a_place_where_nothing_can_be_is_a_sentence(tmp_path, capsys):
+    (tmp_path / "file").write_text("mine")
+    assert "cannot be read or written" in refused(["body", "--out", tmp_path / "file" / "body.glb"], capsys)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
 @pytest.mark.parametrize("command", ["track", "register", "fit-character"])
 def test_an_actor_that_is_not_there_is_refused(command, film, tmp_path, capsys):
     out = tmp_path / "out.glb"

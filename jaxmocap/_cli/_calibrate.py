@@ -36,7 +36,7 @@ def calibrate(
         tyro.conf.arg(
             metavar="X Y Z",
             help="Up as the first camera sees it at the first shared frame: x right, y down, z forward; or a letter, "
-            "such as x where the phone lay on its left side, -y where it stood upright.",
+            "such as --up x where the phone lay on its left side, --up=-y where it stood upright.",
             help_behavior_hint="(default: from ground and cameras)",
         ),
     ] = (),

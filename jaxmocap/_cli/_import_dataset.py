@@ -7,7 +7,7 @@ import tyro
 
 from jaxmocap._results import InputError
 
-from ._arguments import FrameSpan, Json
+from ._arguments import Json
 from ._output import show
 
 
@@ -29,7 +29,14 @@ def import_dataset(
         tuple[str, ...],
         tyro.conf.arg(metavar="NAME ...", help="Cameras to take.", help_behavior_hint="(default: the paper's, or all)"),
     ] = (),
-    frames: FrameSpan = None,
+    frames: Annotated[
+        str | None,
+        tyro.conf.arg(
+            metavar="A:B",
+            help="Only frames A to B - 1 of the sequence, counted from 0.",
+            help_behavior_hint="(default: all)",
+        ),
+    ] = None,
     json: Json = False,
 ) -> int:
     """Make a capture of one sequence of HumanEva I or II, TNT15, BioCV or MoVi."""

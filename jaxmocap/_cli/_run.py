@@ -40,6 +40,8 @@ YOUR_INPUT, INTERRUPTED = 2, 130
 """Exit codes; a bug of ours passes through, so that Python prints its traceback and exits with 1."""
 
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+_PLACE = (errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.ENAMETOOLONG)
+"""What is wrong with the disk, and with a place on it: the user's to mend, and no error of ours."""
 
 _GROUPS = {
     "All in one": {"run": run_videos, "demo": demo},
@@ -89,13 +91,11 @@ def run(arguments: Sequence[str]) -> int:
         print(f"jaxmocap: {error}", file=sys.stderr)
         return YOUR_INPUT
     except OSError as error:
-        if error.errno not in _DISK:
+        if error.errno not in _DISK and not (error.errno in _PLACE and error.filename):
             raise
         where = f" {error.filename}" if error.filename else ""
-        print(
-            f"jaxmocap: a file{where} cannot be written ({error.strerror}); make room, or choose another folder.",
-            file=sys.stderr,
-        )
+        advice = "make room, or choose another folder" if error.errno in _DISK else "choose another place"
+        print(f"jaxmocap: a file{where} cannot be read or written ({error.strerror}); {advice}.", file=sys.stderr)
         return YOUR_INPUT
     except KeyboardInterrupt:
         print("jaxmocap: interrupted; no result was written.", file=sys.stderr)

@@ -96,8 +96,8 @@ def read_colmap(cameras_file: Path, images_file: Path) -> ColmapModel:
             cameras = _binary_cameras(BoundedBytes(cameras_file.read_bytes(), labels[0]))
             images = _binary_images(BoundedBytes(images_file.read_bytes(), labels[1]))
         else:
-            cameras = _text_cameras(cameras_file.read_text(encoding="utf-8"), labels[0])
-            images = _text_images(images_file.read_text(encoding="utf-8"), labels[1])
+            cameras = _text_cameras(cameras_file.read_text(encoding="utf-8-sig"), labels[0])
+            images = _text_images(images_file.read_text(encoding="utf-8-sig"), labels[1])
     except UnicodeDecodeError as error:
         raise InputError(
             f"{labels[0]} or {labels[1]} is not UTF-8 text: {error.reason} at byte {error.start}"
@@ -248,7 +248,7 @@ def read_colmap_points(folder: Path) -> tuple[Float[np.ndarray, "point 3"], Floa
         rows = (
             _binary_points(file.read_bytes(), label)
             if file == binary
-            else _text_points(file.read_text(encoding="utf-8"), label)
+            else _text_points(file.read_text(encoding="utf-8-sig"), label)
         )
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{label} cannot be read: {error}") from error

@@ -7,7 +7,6 @@ matrix.
 import io
 import json
 import re
-import shlex
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from typing import Any
@@ -17,6 +16,9 @@ import numpy as np
 from jaxmocap._results import InputError
 
 _DEEPEST = 12
+_WORD = re.compile(r'"(?:[^"\\]|\\.)*"|[^\s"]+', re.DOTALL)
+"""A string in quotes, in which a backslash makes the next sign literal, or what stands between blanks."""
+
 _NO_NUMBERS = {".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 
 
@@ -64,9 +66,8 @@ def _from_element(element: ElementTree.Element) -> Any:
         if all(child.tag == "_" for child in element):
             return [_from_element(child) for child in element]
         return _once([(child.tag, _from_element(child)) for child in element])
-    lexer = shlex.shlex(element.text or "", posix=True)
-    lexer.whitespace_split, lexer.commenters, lexer.quotes = True, "", '"'
-    values = [_scalar(word) for word in lexer]
+    words = _WORD.findall(element.text or "")
+    values = [re.sub(r"\\(.)", r"\1", word[1:-1]) if word[0] == '"' else _scalar(word) for word in words]
     return values[0] if len(values) == 1 else values
 
 

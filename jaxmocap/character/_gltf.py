@@ -6,6 +6,7 @@ import json
 import struct
 from pathlib import Path
 from typing import Any, NoReturn
+from urllib.parse import unquote
 
 import numpy as np
 import pygltflib
@@ -137,7 +138,8 @@ class Document:
                 return base64.b64decode(uri.partition(",")[2], validate=True)
             except (binascii.Error, ValueError):
                 self.fail("has an unreadable embedded buffer; the file is damaged, export it again")
-        target = (self.path.parent / uri).resolve()
+        literal = self.path.parent / uri
+        target = (literal if literal.is_file() else self.path.parent / unquote(uri)).resolve()
         if not target.is_relative_to(self.path.parent.resolve()):
             self.fail(f"refers to the buffer {uri} outside its own folder; put both files into one folder")
         if not target.is_file():

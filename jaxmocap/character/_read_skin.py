@@ -25,7 +25,8 @@ class RawSkin(NamedTuple):
 
 
 def read_skin(document: Document) -> RawSkin:
-    """Read the skin with the most vertices, all its primitives merged; raise `InputError` where there is none."""
+    """Read the skin with the most vertices and all others that share joints with it, as exporters write one for hair,
+    face and every piece of clothing; raise `InputError` where there is none."""
     gltf = document.gltf
     if not gltf.meshes:
         document.fail("holds no mesh; a skinned mesh of a person is needed")
@@ -39,13 +40,10 @@ def read_skin(document: Document) -> RawSkin:
         document.fail("has a skin that no mesh uses; rig the mesh first with `jaxmocap rig MESH --out FILE.glb`")
     merged = {skin: _merge(document, skin, meshes) for skin, meshes in users.items()}
     skin_index = max(merged, key=lambda skin: len(merged[skin][0]))
-    vertices, faces, weights = merged[skin_index]
     skin = document.item("skins", skin_index)
-    for node in skin.joints:
-        document.item("nodes", node)
     parents, worlds = _hierarchy(document)
-    inverse_binds = _inverse_binds(document, skin)
-    joint_worlds = worlds[list(skin.joints)]
+    joints, inverse_binds, (vertices, faces, weights) = _joined(document, merged, skin_index)
+    joint_worlds = worlds[joints]
     if not np.all(np.isfinite(joint_worlds)) or np.abs(joint_worlds).max() > 1e9:
         document.fail("has node transforms that are not finite; the file is damaged, export it again")
     place = _displayed(joint_worlds, inverse_binds)
@@ -54,19 +52,60 @@ def read_skin(document: Document) -> RawSkin:
     joint_places = _carry(place, binds[:, :3, 3])
     if not np.all(np.isfinite(joint_places)):
         document.fail("has inverse bind matrices that are not finite; the file is damaged, export it again")
-    order = {node: number for number, node in enumerate(skin.joints)}
+    order = {node: number for number, node in enumerate(joints)}
     return RawSkin(
         vertices=_carry(place, vertices),
         faces=faces,
         weights=weights,
-        joint_names=tuple(gltf.nodes[node].name or f"joint_{node}" for node in skin.joints),
-        joint_parents=tuple(_joint_parent(node, parents, order) for node in skin.joints),
+        joint_names=tuple(gltf.nodes[node].name or f"joint_{node}" for node in joints),
+        joint_parents=tuple(_joint_parent(node, parents, order) for node in joints),
         joint_places=joint_places,
         extras=skin.extras or {},
-        joint_nodes=tuple(skin.joints),
+        joint_nodes=tuple(joints),
         place=place,
         inverse_binds=inverse_binds,
     )
+
+
+_Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, weights
+
+
+def _joined(document: Document, parts: dict[int, _Parts], main: int) -> tuple[list[int], np.ndarray, _Parts]:
+    """Join to the skin `main` those that share a joint with it, or with one that does.
+
+    Returns joint nodes, inverse bind matrices from the main mesh's space, and the mesh. Where a shared joint stands in
+    the rest pose of both meshes tells how their spaces lie to each other.
+    """
+    joints, inverse_binds = _joints(document, main)
+    vertices, faces, weights = parts[main]
+    left = sorted((skin for skin in parts if skin != main), key=lambda skin: -len(parts[skin][0]))
+    while True:
+        skin = next((skin for skin in left if set(_joints(document, skin)[0]) & set(joints)), None)
+        if skin is None:
+            return joints, inverse_binds, (vertices, faces, weights)
+        left.remove(skin)
+        own, own_binds = _joints(document, skin)
+        shared = next(node for node in own if node in joints)
+        from_main = np.linalg.inv(own_binds[own.index(shared)]) @ inverse_binds[joints.index(shared)]
+        new = [node for node in own if node not in joints]
+        inverse_binds = np.concatenate([inverse_binds, *[own_binds[[own.index(node)]] @ from_main for node in new]])
+        joints = [*joints, *new]
+        columns = [joints.index(node) for node in own]
+        more_vertices, more_faces, more_weights = parts[skin]
+        wide = np.zeros((len(vertices) + len(more_vertices), len(joints)))
+        wide[: len(vertices), : weights.shape[1]] = weights
+        wide[len(vertices) :, columns] = more_weights
+        faces = np.concatenate([faces, more_faces + len(vertices)])
+        vertices = np.concatenate([vertices, _carry(np.linalg.inv(from_main), more_vertices)])
+        weights = wide
+
+
+def _joints(document: Document, skin_index: int) -> tuple[list[int], np.ndarray]:
+    """Read the nodes of a skin's joints and their inverse bind matrices."""
+    skin = document.item("skins", skin_index)
+    for node in skin.joints:
+        document.item("nodes", node)
+    return list(skin.joints), _inverse_binds(document, skin)
 
 
 def _merge(document: Document, skin_index: int, meshes: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -32,12 +32,17 @@ class MoVi:
     cameras = ("PG1", "PG2")
 
     def sequences(self, folder: Path) -> list[str]:
-        """List the motions of all subjects in `folder` that have a video."""
+        """List the motions of all subjects in `folder` that have a video and a recording."""
         subjects = {match[2] for path in folder.rglob("*.avi") if (match := _VIDEO.match(path.name))}
         found = []
         for subject in sorted(subjects, key=int):
-            path = _file(folder, f"F_v3d_Subject_{subject}.mat")
+            recordings = sorted(folder.rglob(f"F_v3d_Subject_{subject}.mat"))
+            if not recordings:
+                continue
+            path = recordings[0]
             found += [f"Subject_{subject}/{motion}" for motion in _motions(_move(path), path)]
+        if subjects and not found:
+            raise InputError(f"{folder} holds no F_v3d_Subject_{min(subjects, key=int)}.mat.")
         return found
 
     def read(self, folder: Path, sequence: str, cameras: tuple[str, ...] | None = None) -> RecordedSequence:

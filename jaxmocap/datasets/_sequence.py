@@ -218,17 +218,20 @@ def read_c3d(path: Path) -> tuple[list[str], Float[np.ndarray, "frame point 3"],
     """Read names and places (metres, NaN where not seen) of a C3D file's points, and its frame rate."""
     import ezc3d
 
-    file = ezc3d.c3d(str(path))
-    points = file["data"]["points"][:3].transpose(2, 1, 0)
-    unit = str(file["parameters"]["POINT"]["UNITS"]["value"][0]).strip().lower()
+    try:
+        file = ezc3d.c3d(str(path))
+        points = file["data"]["points"][:3].transpose(2, 1, 0)
+        about = file["parameters"]["POINT"]
+        unit, rate = str(about["UNITS"]["value"][0]).strip().lower(), float(about["RATE"]["value"][0])
+        labels = [str(label) for label in about["LABELS"]["value"]]
+    except (OSError, RuntimeError, ValueError, KeyError, IndexError) as error:
+        raise InputError(f"{path} is no C3D file that can be read ({error}).") from None
     metres = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}.get(unit)
     if metres is None:
         raise InputError(f"{path} has the unit '{unit}'; mm, cm or m was expected.")
-    rate = float(file["parameters"]["POINT"]["RATE"]["value"][0])
     if not rate > 0:
         raise InputError(f"{path} has the frame rate {rate:g}; a positive one was expected.")
     seen = np.isfinite(points).all(-1) & (points != 0).any(-1)
-    labels = [str(label) for label in file["parameters"]["POINT"]["LABELS"]["value"]]
     return labels, np.where(seen[..., None], metres * points, np.nan), rate
 
 

@@ -34,7 +34,7 @@ class _File:
         self.path = path
         if not path.is_file():
             raise InputError(f"{path} does not exist; give the path of a .bvh file.")
-        self.lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        self.lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
         self.line = 0
         self._words = self._all_words()
 

@@ -137,7 +137,7 @@ class RunInputs:
     def of_body(self) -> Any:
         """List what the body is made of."""
         if self.options.actor is not None:
-            return path_hash(self.options.actor)
+            return [path_hash(self.options.actor), self.options.height]
         if self.options.scan is not None:
             return [path_hash(self.options.scan), self.options.height, self.options.seed]
         return [self.seen(), self.options.height, self.options.seed]

@@ -1,6 +1,7 @@
 """How a run makes a motion of a capture with keypoints and cameras; each stage returns what it wrote, as JSON knows
 it."""
 
+import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +13,9 @@ from jaxmocap._cache import code_hash, machine
 from jaxmocap._files import atomic_path, free_name
 from jaxmocap._runtime import versions
 from jaxmocap.calibration import scale_cameras
+from jaxmocap.character import BodyShape, Character, scaled, stature
 from jaxmocap.motion import Motion
-from jaxmocap.rigging import open_actor
+from jaxmocap.rigging import brings_skin, open_actor
 
 from ._defaults import with_selected_frames
 from ._made_to_measure import character_of
@@ -21,6 +23,8 @@ from ._run_footage import FootageWork
 from ._run_options import span_within
 from ._scan import scan
 from ._track_capture import track_capture
+
+_SAME_HEIGHT = 0.005  # of an actor's own and the one that is given
 
 RESULT = "result"
 """Folder of a run in which its first result lies."""
@@ -32,8 +36,9 @@ class RunWork(FootageWork):
     def body(self) -> Any:
         """Take the actor, make one of a walk around the person, or make a body to the person's measure."""
         options, colours = self.options, None
+        as_it_is = False
         if options.actor is not None:
-            character = open_actor(options.actor, self.say)
+            character, as_it_is = self._actor(options.actor)
         elif options.scan is not None:
             told = {"height": options.height, "seed": options.seed, "say": self.say, "progress": self.progress}
             scanned = scan(options.scan, weights=options.weights, **told)
@@ -54,12 +59,22 @@ class RunWork(FootageWork):
                 self._scale_cameras(made.camera_scale)
         file = free_name(self.folder, "actor", ".glb")
         with atomic_path(file) as partial:
-            if options.actor is not None and options.actor.suffix.lower() == ".glb":
+            if as_it_is and options.actor is not None:
                 shutil.copyfile(options.actor, partial)
             else:
                 character.save_glb(partial, colours)
         self._set(actor=file.name)
         return file.name
+
+    def _actor(self, file: Path) -> tuple[Character, bool]:
+        """Open the actor, as tall as the person; tell whether that is what is in its file, a skinned GLB."""
+        height = self.options.height
+        character = open_actor(file, self.say, height)
+        tall = float(stature(character))
+        if height is None or abs(height / tall - 1) < _SAME_HEIGHT:
+            return character, file.suffix.lower() == ".glb" and brings_skin(file)
+        self.say(f"{file} is {tall:.2f} m tall, and was scaled to the {height:.2f} m that were given.")
+        return scaled(character, BodyShape.of(math.log(height / tall))), False
 
     def _scale_cameras(self, factor: float) -> None:
         """Make the cameras' world as large as the person's outlines and height say."""

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxmocap._files import atomic_path
-from jaxmocap.rigging import RiggedMesh, rig
+from jaxmocap._results import InputError
+from jaxmocap.rigging import RiggedMesh, refuse_number_of_triangles, rig
 from jaxmocap.scan import Scan, reconstruct, vertex_colours
 
 from ._detect import Report, Say
@@ -27,8 +28,8 @@ class ScannedActor:
         rigged: the actor that was made of it.
         colours: of the actor's vertices, sRGB, for viewers.
         report: what was found, as JSON knows it: `views`, `left_out`, `widest_gap_degrees` around the person,
-            `overlap` by view, `sway_cm` of somebody who was filmed and did not stand quite still, `triangles`, and what
-            `rig` reports.
+            `overlap` by view, `sway_cm` of somebody who was filmed and did not stand quite still, `scanned_triangles`,
+            and what `rig` reports.
     """
 
     scan: Scan
@@ -68,6 +69,9 @@ def scan(
     walk that does not go around, a person who moved, silhouettes with nothing in common, and where no standing person
     is found.
     """
+    refuse_number_of_triangles(num_faces)
+    if out is not None and Path(out).suffix.lower() != ".glb":
+        raise InputError(f"{out}: a scan is written as GLB; choose a name that ends in .glb.")
     told = {"focal": focal, "weights": weights, "seed": seed, "say": say, "progress": progress}
     names, views = read_views(pictures, cameras, masks, height, **told)
     progress("surface", 0, 1)

@@ -2,6 +2,7 @@
 
 import tempfile
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import jax
@@ -17,7 +18,7 @@ from jaxmocap.rigging import check_height
 from jaxmocap.scan import Views, person_place
 
 from ._detect import Report, Say
-from ._scan_frames import frames_of_walk
+from ._scan_frames import LONGEST, frames_of_walk
 from ._scan_masks import find_outlines
 
 _COLOURED = 1600  # pixels of the longer side of pictures that colours are taken from
@@ -45,16 +46,16 @@ def read_views(
     with tempfile.TemporaryDirectory() as place:
         if filmed:
             files, guess, scale = frames_of_walk(pictures, Path(place), progress=progress)
-            focal = scale * focal if focal is not None else None
+            recorded = (0, 0)  # which masks have, and they go with pictures alone
         else:
-            files, guess = [_in_place(file, Path(place), cameras is None) for file in _pictures(pictures)], None
+            longest = LONGEST if cameras is None else None
+            prepared = [_in_place(file, Path(place), cameras is None, longest) for file in _pictures(pictures)]
+            _refuse_sizes(pictures, {one.size for one in prepared})
+            files, guess, scale = [one.file for one in prepared], None, prepared[0].scale
+            recorded = prepared[0].size
+        focal = scale * focal if focal is not None else None
         images = {file: _read(file) for file in files}
-        sizes = {(image.shape[1], image.shape[0]) for image in images.values()}
-        if len(sizes) > 1:
-            raise InputError(
-                f"the pictures in {pictures} have {len(sizes)} sizes ({_sizes(sizes)}); give those of one."
-            )
-        size = next(iter(sizes))
+        size = next((image.shape[1], image.shape[0]) for image in images.values())
         if cameras is None:
             guess = focal or guess or PHONE_FOCAL * max(size)
             options = {"guess": guess, "focal": focal, "in_order": filmed, "seed": seed, "progress": progress}
@@ -76,7 +77,7 @@ def read_views(
         coloured = np.stack([_coloured(file, lens) for lens, file in zip(lenses, files, strict=True)])
     grey = np.stack([lens.image(images[file]) for lens, file in zip(lenses, files, strict=True)])
     if masks is not None:
-        drawn = [_mask(Path(masks), file, images[file].shape) for file in files]
+        drawn = [_mask(Path(masks), file, recorded, size) for file in files]
         shown = np.stack([lens.mask(mask) for lens, mask in zip(lenses, drawn, strict=True)])
     views = Views(grey, shown, np.asarray(known.intrinsics), np.array(known.cam_from_world[:, 0]), coloured)
     if masks is not None and height is not None:
@@ -136,24 +137,35 @@ def _pictures(folder: Path) -> list[Path]:
     return files
 
 
-def _in_place(file: Path, place: Path, upright: bool) -> Path:
-    """Give a picture that its metadata turns as a copy that any program reads alike: upright, or as it is stored, which
-    is how others' cameras see it. Return the picture itself where nothing turns it."""
-    content = np.frombuffer(file.read_bytes(), np.uint8)
-    stored = cv2.imdecode(content, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if len(content) else None
-    turned = None if stored is None else cv2.imdecode(content, cv2.IMREAD_COLOR)
-    if stored is None or turned is None or np.array_equal(stored, turned):
-        return file
-    copy = place / file.name
-    pixels = cv2.imencode(file.suffix, turned if upright else stored, [cv2.IMWRITE_JPEG_QUALITY, 98])[1]
-    copy.write_bytes(pixels.tobytes())
-    return copy
+class _Picture(NamedTuple):
+    """A picture that any program reads alike: its file, how large it was, and by how much it was made smaller."""
+
+    file: Path
+    size: tuple[int, int]
+    scale: float
 
 
-def _read(file: Path) -> UInt8[np.ndarray, "height width"]:
+def _in_place(file: Path, place: Path, upright: bool, longest: int | None) -> _Picture:
+    """Give a picture that its metadata turns as a copy: upright, or as it is stored, which is how others' cameras see
+    it; and one whose longer side has more than `longest` pixels as a smaller one. Else it is the picture itself."""
+    stored, turned = _read(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION), _read(file, cv2.IMREAD_COLOR)
+    pixels = turned if upright else stored
+    height, width = pixels.shape[:2]
+    scale = min(1.0, longest / max(width, height)) if longest is not None else 1.0
+    if scale == 1.0 and np.array_equal(stored, turned):
+        return _Picture(file, (width, height), 1.0)
+    if scale < 1.0:
+        pixels = cv2.resize(pixels, (round(scale * width), round(scale * height)), interpolation=cv2.INTER_AREA)
+    encoded = cv2.imencode(file.suffix, pixels, [cv2.IMWRITE_JPEG_QUALITY, 98])[1]
+    (place / file.name).write_bytes(encoded.tobytes())
+    return _Picture(place / file.name, (width, height), scale)
+
+
+def _read(
+    file: Path, flags: int = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+) -> UInt8[np.ndarray, "height width *channel"]:
     content = np.frombuffer(file.read_bytes(), np.uint8)
-    grey_as_stored = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(content, grey_as_stored) if len(content) else None
+    image = cv2.imdecode(content, flags) if len(content) else None
     if image is None:
         raise InputError(f"{file} cannot be read as a picture; export it again as JPEG or PNG.")
     return image
@@ -161,30 +173,31 @@ def _read(file: Path) -> UInt8[np.ndarray, "height width"]:
 
 def _coloured(file: Path, lens: Undistortion) -> UInt8[np.ndarray, "height width 3"]:
     """Read a picture in colour, RGB, undistorted and small enough for the colours of a few thousand vertices."""
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(np.frombuffer(file.read_bytes(), np.uint8), flags)
-    if image is None:
-        raise InputError(f"{file} cannot be read in colour; export it again as JPEG or PNG.")
-    image = lens.image(image)
+    image = lens.image(_read(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION))
     shrink = min(1.0, _COLOURED / max(image.shape))
     size = [max(1, round(shrink * side)) for side in image.shape[1::-1]]
     return cv2.cvtColor(cv2.resize(image, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2RGB)
 
 
-def _mask(folder: Path, picture: Path, shape: tuple[int, int]) -> Bool[np.ndarray, "height width"]:
+def _mask(
+    folder: Path, picture: Path, recorded: tuple[int, int], size: tuple[int, int]
+) -> Bool[np.ndarray, "height width"]:
+    """Read a mask of the size of a recorded picture, and make it `size`."""
     file = folder / f"{picture.stem}.png"
     if not file.is_file():
         raise InputError(f"{picture.name} has no mask; expected {file}, white where the person is.")
     mask = _read(file) > 127
-    if mask.shape != shape:
+    if mask.shape != recorded[::-1]:
         raise InputError(
-            f"{file} is {mask.shape[1]}x{mask.shape[0]} pixels, but {picture.name} is {shape[1]}x{shape[0]}; masks "
-            "have the size of their pictures."
+            f"{file} is {mask.shape[1]}x{mask.shape[0]} pixels, but {picture.name} is {recorded[0]}x{recorded[1]}; "
+            "masks have the size of their pictures."
         )
     if not mask.any():
         raise InputError(f"{file} is empty: it shows nobody; draw it again or take the picture out.")
-    return mask
+    return mask if size == recorded else cv2.resize(255 * mask.astype(np.uint8), size) > 127
 
 
-def _sizes(sizes: set[tuple[int, int]]) -> str:
-    return ", ".join(f"{width}x{height}" for width, height in sorted(sizes))
+def _refuse_sizes(pictures: Path, sizes: set[tuple[int, int]]) -> None:
+    if len(sizes) > 1:
+        found = ", ".join(f"{width}x{height}" for width, height in sorted(sizes))
+        raise InputError(f"the pictures in {pictures} have {len(sizes)} sizes ({found}); give those of one.")

@@ -8,4 +8,10 @@ from ._picture_cameras import (
     metres_per_unit_of as metres_per_unit_of,
 )
 from ._read_mesh import Mesh as Mesh
-from ._rig import RiggedMesh as RiggedMesh, open_actor as open_actor, rig as rig
+from ._rig import (
+    RiggedMesh as RiggedMesh,
+    brings_skin as brings_skin,
+    open_actor as open_actor,
+    refuse_number_of_triangles as refuse_number_of_triangles,
+    rig as rig,
+)

@@ -71,8 +71,7 @@ def rig(
     The skin of a skinned glTF file or body model is kept, its joints recognised or named by `mapping` as in
     `Character.load`, unless `anew`. Raises `InputError` where no standing person is found.
     """
-    if not _FEWEST <= num_faces <= _MOST:
-        raise InputError(f"{num_faces} triangles were asked for; choose {_FEWEST} to {_MOST:,}.")
+    refuse_number_of_triangles(num_faces)
     if isinstance(mesh, str | Path) and not anew and brings_skin(Path(mesh)):
         if any(option is not None for option in (height, units, up, front, joints, keypoints)):
             raise InputError(f"{mesh} has a skin of its own, which is kept; help is for rigging it anew (--anew).")
@@ -222,21 +221,33 @@ def keep_skin(
     return character, report
 
 
+def refuse_number_of_triangles(count: int) -> None:
+    """Raise `InputError` for a number of triangles that no character should have."""
+    if not _FEWEST <= count <= _MOST:
+        raise InputError(f"{count} triangles were asked for; choose {_FEWEST} to {_MOST:,}.")
+
+
 def radii_cm(character: Character) -> dict[str, float]:
     """Measure the radius of each bone's capsule, centimetres."""
     radii = 100 * capsules(character).radii
     return {body: round(float(radius), 2) for body, radius in zip(character.skeleton.body_names, radii, strict=True)}
 
 
-def open_actor(path: str | Path, say: Callable[[str], None] | None = None) -> Character:
+def open_actor(path: str | Path, say: Callable[[str], None] | None = None, height: float | None = None) -> Character:
     """Open the character in a skinned glTF file or body model, or rig a bare mesh on the spot and tell `say` about it.
 
-    Raises `InputError` as `Character.load` and `rig` do.
+    A bare mesh becomes `height` metres tall, where that is known. Raises `InputError` as `Character.load` and `rig` do.
     """
     path = Path(path)
     if brings_skin(path):
         return Character.load(path)
-    rigged = rig(path)
+    try:
+        rigged = rig(path, height=height)
+    except InputError as error:
+        raise InputError(
+            f"{error} Options that are named here are those of jaxmocap rig {path} --out ACTOR.glb: rig it first, and "
+            "give what that wrote."
+        ) from error
     if say is not None:
         report = rigged.report
         say(

@@ -125,13 +125,18 @@ def test_keys_alone_are_enough(bare, opened):
     saved(page)
     np.testing.assert_allclose(Capture.open(bare).keypoints(0, 0)[NOSE], [40, 16, 1])
     assert page.evaluate("state.history[0]") == 2  # a run of nudges is one change
+    page.keyboard.press("ArrowDown")  # and taken away before it is told
     page.keyboard.press("Delete")
     saved(page)
     assert Capture.open(bare).keypoints(0, 0) is None
     page.keyboard.press("Control+z")
     until(page, f"views[0].points[{NOSE}][2] === 1")
-    page.keyboard.press("PageDown")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("PageDown")  # at once: what was moved is told of the frame in which it was
     until(page, "frame === 6 && views.every((view) => view.frame === 6)")
+    saved(page)
+    np.testing.assert_allclose(Capture.open(bare).keypoints(0, 0)[NOSE], [40, 16, 1])
+    assert Capture.open(bare).keypoints(0, 6) is None
     assert page.inner_text("#wanted") == "cam0: click the nose"
     page.keyboard.press("Tab")
     page.keyboard.press("Tab")

@@ -72,6 +72,14 @@ def test_names_may_have_blanks_and_letters_of_any_alphabet(tmp_path: Path, form:
     _assert_same(read_cameras(path, cameras.names, 3, SIZES), cameras)
 
 
+@pytest.mark.parametrize("form", [form for form in FORMATS if form != "easymocap"])
+def test_names_that_look_like_numbers_stay_what_they_are(tmp_path: Path, form: str):
+    names = ("01", "1e3")
+    cameras = replace(_rig(), names=names)
+    path = write_cameras(cameras, tmp_path / PLACES[form], form)
+    _assert_same(read_cameras(path, names, 3, cameras.sizes), cameras)
+
+
 @pytest.mark.parametrize("suffix", [".yml", ".yaml", ".xml", ".json"])
 def test_opencv_s_form_goes_by_the_suffix(tmp_path: Path, suffix: str):
     path = write_cameras(_rig(), tmp_path / f"rig{suffix}", "opencv")
@@ -204,8 +212,10 @@ def test_places_where_nothing_can_be_written_are_refused(tmp_path: Path):
         write_cameras(_rig(), tmp_path / "a", "anipose")
     with pytest.raises(InputError, match=r"rig\.txt cannot hold freemocap cameras; expected a file name with \.toml"):
         write_cameras(_rig(), tmp_path / "rig.txt", "freemocap")
-    with pytest.raises(InputError, match=r"cannot be written to .*No such file"):
-        write_cameras(_rig(), tmp_path / "no" / "rig.toml", "freemocap")
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match=r"cannot be written to .*(Not a directory|File exists)"):
+        write_cameras(_rig(), tmp_path / "file" / "rig.toml", "freemocap")
+    (tmp_path / "file").unlink()
     with pytest.raises(InputError, match="'a b' cannot be written for EasyMocap"):
         write_cameras(replace(_rig(), names=("a b", "c")), tmp_path / "calib", "easymocap")
     with pytest.raises(InputError, match=r"frames has shape \(2, 2\); expected a number .* per frame, \(2, 3\)"):

@@ -150,10 +150,50 @@ def test_mapping_file_names_odd_joints(tmp_path, box_figure, humanoid, kind):
     np.testing.assert_allclose(loaded.skeleton.axes, box_figure.skeleton.axes, atol=1e-5)
 
 
+def test_meshes_with_skins_of_their_own_are_one_character(tmp_path, box_figure, humanoid):
+    """Some exporters give hair, face and clothes a skin each: the joints in another order, the mesh elsewhere."""
+    names, whole = humanoid.renamed(humanoid_glb.MIXAMO), humanoid
+    first = 8 * (6 * len(whole.vertices) // 80)  # the boxes of the first bones
+    of_first = (whole.faces < first).all(1)
+    path = save(
+        tmp_path,
+        whole,
+        names,
+        vertices=whole.vertices[:first],
+        faces=whole.faces[of_first],
+        weights=whole.weights[:first],
+    )
+    document, binary = humanoid_glb.unpack(path)
+    count, away = len(names), np.array([0.3, -0.2, 0.5])
+    binds = np.tile(np.eye(4), (count, 1, 1))
+    binds[:, :3, 3] = -whole.places - away
+    order = np.argsort(-whole.weights[first:], axis=1)[:, :4]
+    arrays = [
+        ((whole.vertices[first:] + away).astype("<f4"), "VEC3", 5126),
+        ((whole.faces[~of_first] - first).reshape(-1).astype("<u2"), "SCALAR", 5123),
+        ((count - 1 - order).astype("<u2"), "VEC4", 5123),
+        (np.take_along_axis(whole.weights[first:], order, axis=1).astype("<f4"), "VEC4", 5126),
+        (binds[::-1].transpose(0, 2, 1).reshape(-1, 16).astype("<f4"), "MAT4", 5126),
+    ]
+    for array, kind, component in arrays:
+        document["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": array.nbytes})
+        accessor = {"componentType": component, "count": len(array), "type": kind}
+        document["accessors"].append({"bufferView": len(document["bufferViews"]) - 1, **accessor})
+        binary += array.tobytes() + b"\0" * (-array.nbytes % 4)
+    document["buffers"][0]["byteLength"] = len(binary)
+    attributes = {"POSITION": 5, "JOINTS_0": 7, "WEIGHTS_0": 8}
+    document["meshes"].append({"primitives": [{"attributes": attributes, "indices": 6}]})
+    document["skins"].append({"joints": list(range(count))[::-1], "inverseBindMatrices": 9})
+    document["skins"][0]["joints"].pop()  # which only the second mesh has
+    document["nodes"].append({"name": "clothes", "mesh": 1, "skin": 1})
+    document["scenes"][0]["nodes"].append(len(document["nodes"]) - 1)
+    assert_same(Character.load(humanoid_glb.pack(tmp_path / "two.glb", document, binary)), box_figure)
+
+
 def test_text_gltf_with_a_buffer_beside_it_is_read(tmp_path, box_figure, humanoid):
     document, binary = humanoid_glb.unpack(save(tmp_path, humanoid, humanoid.renamed(humanoid_glb.MIXAMO)))
-    document["buffers"][0]["uri"] = "figure.bin"
-    (tmp_path / "figure.bin").write_bytes(binary)
+    document["buffers"][0]["uri"] = "my%20figure.bin"
+    (tmp_path / "my figure.bin").write_bytes(binary)
     (tmp_path / "figure.gltf").write_text(json.dumps(document))
     assert_same(Character.load(tmp_path / "figure.gltf"), box_figure)
 

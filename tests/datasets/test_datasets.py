@@ -12,6 +12,7 @@ from scipy.io import savemat
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
 from jaxmocap.datasets import DATASETS, import_dataset, read_calibration
+from jaxmocap.datasets._sequence import read_c3d
 from jaxmocap.viewers import open_video
 
 SIZE = (64, 48)
@@ -240,6 +241,8 @@ def test_a_motion_of_movi_is_its_part_of_the_video_and_of_the_markers(tmp_path):
     assert Capture.open(part).num_frames == 2
     with np.load(part / "truth.npz") as truth:
         assert truth["markers"][0, 0, 0] == pytest.approx(0.020)
+    (tmp_path / "data" / "F_PG1_Subject_8_L.avi").write_bytes(b"")  # whose recording has not been fetched
+    import_dataset("movi", tmp_path / "data", tmp_path / "again", sequence="Subject_7/walking")
     savemat(tmp_path / "data" / "F_v3d_Subject_7.mat", {"Subject_7_F": {"move": {"flags30": [[1, 3]]}}})
     with pytest.raises(InputError, match="flags120, markerLocation, motions_list is not there"):
         import_dataset("movi", tmp_path / "data", tmp_path / "none")
@@ -250,6 +253,13 @@ def test_an_empty_folder_says_what_to_get_and_its_licence(dataset, tmp_path):
     with pytest.raises(InputError, match=r"Get it from http.*Licence: (free for research|as its page says)"):
         import_dataset(dataset, tmp_path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"no c3d", bytes([2, 80]) + bytes(700)])
+def test_a_damaged_c3d_file_is_one_sentence(content, tmp_path):
+    (tmp_path / "take.c3d").write_bytes(content)
+    with pytest.raises(InputError, match=r"take\.c3d is no C3D file that can be read"):
+        read_c3d(tmp_path / "take.c3d")
 
 
 def test_mistakes_are_one_sentence_and_leave_nothing(humaneva, tmp_path):

@@ -232,6 +232,13 @@ def test_a_damaged_bvh_is_one_sentence(tmp_path, change, words):
     assert words in str(error.value)
 
 
+def test_a_bvh_that_begins_with_a_byte_order_mark_is_read(even, tmp_path):
+    path = jm.export(even, tmp_path / "a.bvh")
+    expected = jm.read_motion(path, even.character)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    np.testing.assert_array_equal(jm.read_motion(path, even.character).angles, expected.angles)
+
+
 def test_what_cannot_be_a_clip_is_refused(even, actor, tmp_path):
     with pytest.raises(InputError, match="none of the clips that are read"):
         jm.read_motion(tmp_path / "walk.fbx", even.character)

@@ -11,13 +11,14 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import trimesh
 from small_captures import make_video
 
 from jaxmocap._cli import run as command
 from jaxmocap._results import InputError
 from jaxmocap.camera import read_cameras
 from jaxmocap.capture import Capture, PersonOffset, config_path, with_lines, with_offsets
-from jaxmocap.character import Pose
+from jaxmocap.character import Character, Pose, stature
 from jaxmocap.motion import Motion
 from jaxmocap.pipeline import RunResult, _run_footage, _run_options, _run_work, run
 from jaxmocap.pipeline._made_to_measure import MadeBody
@@ -406,6 +407,22 @@ def test_an_actor_comes_first_for_its_bones_tell_the_scale(videos, done, tmp_pat
     assert names == ["capture", "synchronise", "body", "detect", "calibrate", "selected frames", "track"]
     assert "body" not in done
     assert (tmp_path / "dance" / "capture" / "actor.glb").read_bytes() == actor.read_bytes()
+
+
+def test_an_actor_becomes_as_tall_as_the_height_that_is_given(videos, done, tmp_path):
+    """As tall as the world of the cameras, whose scale the height tells too."""
+    out, actor, bare = tmp_path / "dance", tmp_path / "me.glb", tmp_path / "me.obj"
+    body(1.7).save_glb(actor)
+    said: list[str] = []
+    again(videos, out, actor=actor, height=1.8, say=said.append)
+    assert float(stature(Character.load(out / "capture" / "actor.glb"))) == pytest.approx(1.8, abs=1e-3)
+    assert any("me.glb is 1.70 m tall, and was scaled to the 1.80 m" in sentence for sentence in said)
+    run(videos, out, actor=actor, height=1.705)
+    assert (out / "capture" / "actor-2.glb").read_bytes() == actor.read_bytes()
+    character = body(1.8)
+    trimesh.Trimesh(3.0 * np.asarray(character.vertices), np.asarray(character.faces)).export(bare)  # no metres
+    run(videos, out, actor=bare, height=1.8)
+    assert float(stature(Character.load(out / "capture" / "actor-3.glb"))) == pytest.approx(1.8, abs=0.01)
 
 
 def test_a_walk_around_the_person_becomes_the_actor_and_is_made_again_when_it_changes(videos, done, tmp_path):

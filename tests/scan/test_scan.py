@@ -167,13 +167,23 @@ def test_a_picture_that_its_metadata_turns_is_one_for_everybody(cameras, tmp_pat
     file.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(note) + 2) + note + plain[2:])
     place = tmp_path / "place"
     place.mkdir()
-    copy = _in_place(file, place, upright=cameras is None)
-    assert copy == place / file.name
+    copy, size, scale = _in_place(file, place, cameras is None, None)
+    assert (copy, scale) == (place / file.name, 1.0)
     wanted = shown if cameras is None else stored
     for flags in (cv2.IMREAD_COLOR, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION):
         found = cv2.imread(str(copy), flags)
         assert found.shape == wanted.shape
         assert np.abs(found.astype(int) - wanted).mean() < 5
-    assert index_video(copy).size == (wanted.shape[1], wanted.shape[0])
+    assert index_video(copy).size == size == (wanted.shape[1], wanted.shape[0])
     (tmp_path / "plain.jpg").write_bytes(plain)
-    assert _in_place(tmp_path / "plain.jpg", place, upright=True) == tmp_path / "plain.jpg"
+    assert _in_place(tmp_path / "plain.jpg", place, True, None).file == tmp_path / "plain.jpg"
+    smaller = _in_place(file, place, cameras is None, 40)
+    assert (smaller.size, smaller.scale) == (size, 0.5)
+    assert cv2.imread(str(smaller.file)).shape == (wanted.shape[0] // 2, wanted.shape[1] // 2, 3)
+
+
+def test_what_cannot_be_written_is_said_before_anything_is_looked_at(tmp_path):
+    with pytest.raises(InputError, match="200 triangles were asked for"):
+        scan(tmp_path / "nothing", height=1.7, num_faces=200)
+    with pytest.raises(InputError, match=r"her\.obj: a scan is written as GLB"):
+        scan(tmp_path / "nothing", tmp_path / "her.obj", height=1.7)

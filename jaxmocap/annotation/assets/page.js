@@ -50,7 +50,7 @@ function build() {
 
 function showFrames() {
   host("frames").replaceChildren();
-  for (const number of state.frames) button(`frame ${number}`, () => go(number).catch(failed), host("frames"));
+  for (const number of state.frames) button(`frame ${number}`, () => goFrom(number), host("frames"));
 }
 
 function toggle(view) {
@@ -195,9 +195,12 @@ function flush(view, index) {
 
 function failed(error) { complain(error.message); }
 
+// What the arrow keys have moved is told of its own frame before another is shown.
+function goFrom(to) { flush(); line.then(() => go(to)).catch(failed); }
+
 function otherFrame(by) {
   const at = state.frames.indexOf(frame) + by;
-  if (at >= 0 && at < state.frames.length) go(state.frames[at]).catch(failed);
+  if (at >= 0 && at < state.frames.length) goFrom(state.frames[at]);
 }
 
 function zoom(factor) {
@@ -208,7 +211,7 @@ function zoom(factor) {
 
 const redo = () => { flush(); if (state.history[1]) change("redo", {}); };
 const undo = () => { flush(); line.then(() => { if (state.history[0]) change("undo", {}); }); };
-const remove = () => { if (isSet(active, current)) set(active, current, null); };
+const remove = () => { flush(); if (isSet(active, current)) set(active, current, null); };
 const KEYS = {
   n: () => onwardOrStep(), p: () => step(-1), Delete: remove, Backspace: remove, "+": () => zoom(1.5), "=": () => zoom(1.5),
   "-": () => zoom(1 / 1.5), 0: () => { views[active].whole(); views[active].draw(); }, PageDown: () => otherFrame(1),
@@ -244,7 +247,7 @@ host("other").addEventListener("submit", (event) => {
     state.frames = [...state.frames, number].sort((a, b) => a - b);
     showFrames();
   }
-  go(number).catch(failed);
+  goFrom(number);
 });
 host("finish").addEventListener("click", async () => {
   flush();
