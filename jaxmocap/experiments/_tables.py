@@ -54,7 +54,7 @@ def write_frames(rows: Sequence[Row], path: Path) -> Path:
     lines = []
     for row in {row["key"]: row for row in rows}.values():
         errors = row.get("error_per_frame_cm") or []
-        for frame, error in zip(row.get("frame_numbers", [])[: len(errors)], errors, strict=True):
+        for frame, error in zip(row["frame_numbers"] if errors else (), errors, strict=True):
             lines.append((row["key"], row["capture"], row["method"], row["seed"], frame, error))
     write_csv(path, ("key", "capture", "method", "seed", "frame", "marker_error_cm"), lines)
     return path

@@ -6,9 +6,22 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from box_figure import box_character, box_motion
 
 from jaxmocap._results import InputError
-from jaxmocap.experiments import complaints, error_curves, figures_of, tables_of, worse, write_figures, write_report
+from jaxmocap.experiments import (
+    Run,
+    complaints,
+    error_curves,
+    figures_of,
+    tables_of,
+    worse,
+    write_figures,
+    write_frames,
+    write_report,
+)
+from jaxmocap.experiments._perform import _record
+from jaxmocap.metrics import evaluate
 
 
 def row(experiment, value, capture, seed, error, factor="method", method=None, status="done"):
@@ -60,6 +73,18 @@ def test_unknown_errors_are_left_out_of_a_curve():
     picture = error_curves({"ours": ([0, 1, 2], [1.0, float("nan"), 3.0])})
     assert len(re.search(r'points="([^"]*)"', picture)[1].split()) == 2
     assert "nan" not in picture
+
+
+def test_frames_that_the_truth_does_not_cover_have_no_error_in_the_report(tmp_path):
+    motion = box_motion(box_character(), num_frames=6)
+    markers = np.stack([motion.vertices(frame)[:5] for frame in range(6)]).astype(float)
+    np.savez(tmp_path / "truth.npz", markers=markers[2:5], timestamps=motion.timestamps[2:5])
+    scores = evaluate(motion, tmp_path / "truth.npz")
+    record = _record(Run("square"), "cafe", scores, motion, [], 1.0, 1.0, 1.0)
+    rows = [{"experiment": "comparison", "factor": "method", "value": "ours", **record}]
+    lines = write_frames(rows, tmp_path / "frames.csv").read_text().splitlines()[1:]
+    assert [line.split(",")[4] for line in lines] == ["2", "3", "4"]
+    assert write_report(rows, tmp_path, {})[0].read_text().count("<polyline") == 1
 
 
 def test_the_page_needs_nothing_else_and_escapes_what_it_is_told(rows, tmp_path):
