@@ -117,8 +117,17 @@ def _trials(quick, captures, methods, frames, quality, seeds) -> list[Trial]:
 
 
 def _on_folders(folders: list[Path], methods, frames, quality, seeds) -> list[Trial]:
-    from jaxmocap.capture import Capture
+    from jaxmocap.capture import Capture, config_path
 
+    folders, by_name = [config_path(folder).parent for folder in folders], dict[str, Path]()
+    for folder in folders:
+        name = Run(str(folder)).capture_name
+        if name.casefold() in by_name:
+            raise InputError(
+                f"two captures are called '{name}' ({by_name[name.casefold()]} and {folder}); give every capture once, "
+                "and rename one of two folders of the same name."
+            )
+        by_name[name.casefold()] = folder
     trials = []
     for folder in folders:
         capture = Capture.open(folder)
