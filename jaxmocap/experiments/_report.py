@@ -139,6 +139,8 @@ def _curves(rows: Sequence[Row]) -> str:
             curves[method] = (row["frame_numbers"], known) if errors else ([0], [np.nan])
         if any(np.isfinite(value) for _, values in curves.values() for value in values):
             figures.append(f"<figure>{error_curves(curves)}<figcaption>{escape(capture)}</figcaption></figure>")
+    if not figures:
+        return ""
     seeds = f"seed {seed}"
     return f"<h2>Marker error over the frames ({seeds})</h2>{_legend(methods)}<div class='two'>{''.join(figures)}</div>"
 

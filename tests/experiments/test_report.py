@@ -59,6 +59,29 @@ def test_the_tables_hold_medians_quartiles_and_paired_differences(rows):
     assert sweep.body == [("square", "0", "4.00", "8.00", "", ""), ("square", "0.3", "2.50", "5.00", "-1.50", "")]
 
 
+def test_a_truth_of_joints_alone_is_reported_by_joints(rows, tmp_path):
+    for one in rows:
+        error, worst = one.pop("marker_error_cm"), one.pop("marker_error_max_cm")
+        one |= {"joint_error_cm": error, "joint_error_p95_cm": worst, "error_per_frame_cm": None}
+    errors, margins, sweep = tables_of(rows)
+    assert errors.caption.startswith("Joint error in cm")
+    assert errors.body[0] == ("ours", "2.10 [2.05, 2.15]", "3.10 [3.05, 3.15]", "2.60 [2.12, 3.08]", "1.5")
+    assert errors.body[2][1] == "failed"
+    assert errors.body[2][2] == "–"  # which was not run
+    assert margins.body[0] == ("posecut", "6", "+3.10", "[+3.00, +3.20]", "ours is better")
+    assert "joint error" in margins.caption
+    assert sweep.head == ("capture", "lambda", "joint error cm", "95th percentile cm", "change", "")
+    assert sweep.body[1] == ("square", "0.3", "2.50", "5.00", "-1.50", "")
+    assert "comparison, square, ours: joint error" in {one["metric"] for one in figures_of(rows)}
+    assert "Marker error" not in write_report(rows, tmp_path, {})[0].read_text()
+
+
+def test_a_run_that_finished_without_an_error_to_show_did_not_fail(rows):
+    rows += [row("comparison", "ours", "no markers", 0, None)]
+    errors = tables_of(rows)[0]
+    assert (errors.head[3], errors.body[0][3]) == ("no markers", "–")
+
+
 def test_the_curve_of_a_constant_error_is_a_level_line():
     picture = ElementTree.fromstring(error_curves({"ours": ([3, 4, 5], [2.0, 2.0, 2.0]), "b": ([3, 5], [0.0, 4.0])}))
     lines = [e.get("points") for e in picture.iter() if e.tag.endswith("polyline")]
