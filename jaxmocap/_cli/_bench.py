@@ -17,7 +17,11 @@ def bench(
     what: Annotated[Literal["paper"], tyro.conf.Positional, tyro.conf.arg(help="Section 5 of the paper.")],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="Folder for runs, table and report; goes on where it was.")],
     quick: Annotated[
-        bool, tyro.conf.arg(help_behavior_hint="", help="Small captures, one seed, preset draft: a quarter of an hour.")
+        bool,
+        tyro.conf.arg(
+            help="One seed, preset draft and, without --capture, small captures: a quarter of an hour.",
+            help_behavior_hint="",
+        ),
     ] = False,
     capture: Annotated[
         tuple[Path, ...],

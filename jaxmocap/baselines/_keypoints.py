@@ -79,7 +79,8 @@ class KeypointTriangulation(Baseline):
             return start
         table = list(BODY_25)  # one row per point of the table, so that frames share a program
         mix = np.array([[BODY_25[i].count(n) / len(BODY_25[i]) for n in names] for i in table], np.float32)
-        weight = np.array([keypoints[:, i, 2].min() if i in rows else 0.0 for i in table], np.float32)
+        seen = np.where(keypoints[..., 2] > 0, keypoints[..., 2], np.inf).min(axis=0)  # the least of those that see it
+        weight = np.array([seen[i] if i in rows else 0.0 for i in table], np.float32)
         target = np.where(weight[:, None] > 0, points[table], 0.0).astype(np.float32)
         landmarks = LandmarkPoints(jnp.asarray(mix), jnp.asarray(target), jnp.asarray(weight))
         prior = free_prior(worker.character, start, self.smoothness)

@@ -67,9 +67,10 @@ def bench(
     off.
 
     With `captures`, folders with a truth, only the comparison is done, on these and not on the synthetic suite, in
-    `frames` (start, stop). `methods` are names of `jaxmocap.baselines.METHODS`, `quality` is the preset. `only` is a
-    regular expression for experiments. `gate` is the `figures.json` of an earlier run to be held against. `workers`,
-    `scheduler` and `retry_failed` as in `sweep`. Raises `InputError` for anything unknown.
+    `frames` (start, stop); `quick` is then one seed and the preset "draft". `methods` are names of
+    `jaxmocap.baselines.METHODS`, `quality` is the preset. `only` is a regular expression for experiments. `gate` is the
+    `figures.json` of an earlier run to be held against. `workers`, `scheduler` and `retry_failed` as in `sweep`. Raises
+    `InputError` for anything unknown.
     """
     if what != "paper":
         raise InputError(f"there is no benchmark '{what}'; choose paper.")
@@ -101,8 +102,9 @@ def bench(
         files["parquet"] = write_table(rows, out / "runs.parquet")
     files["figures"] = out / "figures.json"
     write_figures(figures, files["figures"], **about)
-    small = f"Quick: six frames per capture, one seed, preset {about['quality']}. Not for conclusions."
-    notes = [small] if quick and not captures else []
+    frames_each = "" if captures else "six frames per capture, "
+    small = f"Quick: {frames_each}one seed, preset {about['quality']}. Not for conclusions."
+    notes = [small] if quick else []
     files["report"], files["markdown"] = write_report(rows, out, _folders(trials, out), "Evaluation", notes)
     worse = [] if gate is None else complaints(figures, Path(gate), **about)
     return Benchmark(rows, figures, worse, files)
@@ -110,15 +112,24 @@ def bench(
 
 def _trials(quick, captures, methods, frames, quality, seeds) -> list[Trial]:
     if captures:
-        return _on_folders([Path(folder) for folder in captures], methods, frames, quality, seeds)
+        return _on_folders([Path(folder) for folder in captures], quick, methods, frames, quality, seeds)
     if frames is not None:
         raise InputError("frames were given, but the synthetic suite has its own; give captures too.")
     return [trial for trial in paper(quick, seeds, quality) if methods is None or trial.run.method in methods]
 
 
-def _on_folders(folders: list[Path], methods, frames, quality, seeds) -> list[Trial]:
-    from jaxmocap.capture import Capture
+def _on_folders(folders: list[Path], quick, methods, frames, quality, seeds) -> list[Trial]:
+    from jaxmocap.capture import Capture, config_path
 
+    folders, by_name = [config_path(folder).parent for folder in folders], dict[str, Path]()
+    for folder in folders:
+        name = Run(str(folder)).capture_name
+        if name.casefold() in by_name:
+            raise InputError(
+                f"two captures are called '{name}' ({by_name[name.casefold()]} and {folder}); give every capture once, "
+                "and rename one of two folders of the same name."
+            )
+        by_name[name.casefold()] = folder
     trials = []
     for folder in folders:
         capture = Capture.open(folder)
@@ -126,11 +137,11 @@ def _on_folders(folders: list[Path], methods, frames, quality, seeds) -> list[Tr
             raise InputError(f"capture '{capture.name}' has no truth to compare with; name one in capture.toml.")
         base = Run(
             str(folder),
-            quality=quality or "normal",
+            quality=quality or ("draft" if quick else "normal"),
             inputs=Inputs(selected=()),
             frames=frames,
         )
-        trials += comparison([str(folder)], seeds or (0,), base, tuple(methods or METHODS))
+        trials += comparison([str(folder)], seeds or ((0,) if quick else (0, 1, 2)), base, tuple(methods or METHODS))
     return trials
 
 

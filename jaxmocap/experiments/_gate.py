@@ -10,7 +10,7 @@ import numpy as np
 from jaxmocap._files import write_json
 from jaxmocap._results import InputError
 
-from ._tables import Row
+from ._tables import Row, metric_of
 
 Figure = dict[str, object]
 _TOLERANCE = 0.1
@@ -50,21 +50,21 @@ def figures_of(rows: Sequence[Row]) -> list[Figure]:
 
     Errors are medians over the seeds and, since the chance of single runs cancels there, their mean over the captures.
     """
-    groups: dict[tuple[str, str, str], list[float]] = {}
+    by, groups = metric_of(rows), dict[tuple[str, str, str], list[float]]()
     for row in rows:
-        error = row.get("marker_error_cm")
+        error = row.get(by.column)
         if row["method"] == "ours" and error is not None and np.isfinite(error):
             groups.setdefault((row["experiment"], row["capture"], row["value"]), []).append(float(error))
     pooled = _spread(list(groups.values()))
     figures, members = [], dict[tuple[str, str], list[list[float]]]()
     for (experiment, capture, value), errors in groups.items():
-        metric = f"{experiment}, {capture}, {value}: marker error"
+        metric = f"{experiment}, {capture}, {value}: {by.name}"
         spread = _spread([errors]) if len(errors) >= _ENOUGH else pooled
         figures.append(_error(metric, float(np.median(errors)), spread, len(errors)))
         members.setdefault((experiment, value), []).append(errors)
     for (experiment, value), every in members.items():
         if len(every) > 1:
-            metric = f"{experiment}, mean of {len(every)} captures, {value}: marker error"
+            metric = f"{experiment}, mean of {len(every)} captures, {value}: {by.name}"
             spread = _spread(every) if len(every[0]) >= _ENOUGH else pooled
             mean = float(np.mean([np.median(errors) for errors in every]))
             figures.append(_error(metric, mean, spread, sum(map(len, every))))

@@ -100,7 +100,7 @@ def _record(
         "joint_error_p95_cm": joints.get("p95"),
         "pa_mpjpe_cm": scores.get("pa_mpjpe_cm"),
         "error_per_frame_cm": scores.get("marker_error_per_frame_cm"),
-        "frame_numbers": motion.frames.tolist(),
+        "frame_numbers": scores.get("frame_numbers", motion.frames.tolist()),
         "seconds_per_frame": float(np.median(seconds)),
         "seconds_tracking": tracking,
         "seconds": wall,

@@ -139,6 +139,8 @@ def _curves(rows: Sequence[Row]) -> str:
             curves[method] = (row["frame_numbers"], known) if errors else ([0], [np.nan])
         if any(np.isfinite(value) for _, values in curves.values() for value in values):
             figures.append(f"<figure>{error_curves(curves)}<figcaption>{escape(capture)}</figcaption></figure>")
+    if not figures:
+        return ""
     seeds = f"seed {seed}"
     return f"<h2>Marker error over the frames ({seeds})</h2>{_legend(methods)}<div class='two'>{''.join(figures)}</div>"
 
@@ -165,8 +167,8 @@ def _overlays(rows: Sequence[Row], out: Path, captures: dict[str, Path]) -> str:
         members = [row for row in rows if row["capture"] == name and row["seed"] == seed and row["status"] == "done"]
         pictures = []
         for row in members[:_PICTURED]:
-            picture = _picture(folder, out / MOTIONS / row["key"])
-            error = (row.get("error_per_frame_cm") or [None])[-1]
+            picture, frame = _picture(folder, out / MOTIONS / row["key"])
+            error = dict(zip(row["frame_numbers"], row.get("error_per_frame_cm") or (), strict=False)).get(frame)
             label = row["value"] if error is None else f"{row['value']}: {error:.1f} cm"
             data = base64.b64encode(picture).decode()
             pictures.append(
@@ -178,7 +180,8 @@ def _overlays(rows: Sequence[Row], out: Path, captures: dict[str, Path]) -> str:
     return f"<h2>The last frame</h2>{''.join(parts)}" if parts else ""
 
 
-def _picture(folder: Path, result: Path) -> bytes:
+def _picture(folder: Path, result: Path) -> tuple[bytes, int]:
+    """Draw the last frame of a result: a JPEG, and the frame's number."""
     capture, motion = Capture.open(folder), Motion.load(result)
     last = motion[np.array([len(motion) - 1])]
     [(_, image)] = overlay_frames(capture, capture.cameras, motion.character, last, 0)
@@ -191,7 +194,7 @@ def _picture(folder: Path, result: Path) -> bytes:
     room = 0.15 * np.ptp(pixels[:, 1])
     left, top = np.clip(pixels.min(0) - 2 * room, 0, [width - 2, height - 2]).astype(int)
     right, bottom = np.clip(pixels.max(0) + 2 * room, [left + 2, top + 2], [width, height]).astype(int)
-    return jpeg_bytes(image[top:bottom, left:right])
+    return jpeg_bytes(image[top:bottom, left:right]), int(last.frames[0])
 
 
 def _provenance(rows: Sequence[Row]) -> str:

@@ -10,7 +10,7 @@ from jaxmocap._files import atomic_path, write_csv
 from jaxmocap._results import InputError
 
 from ._run import Trial
-from ._statistics import Difference, Summary, compare, summary
+from ._statistics import Difference, compare, summary
 
 Row = dict[str, Any]
 COLUMNS = (
@@ -19,6 +19,19 @@ COLUMNS = (
     "frames_tracked", "frames_lost", "seconds_per_frame", "seconds_tracking", "seconds", "cpu_seconds", "settings",
     "appearance", "inputs", "frames", "capture_hash", "device", "versions", "error", "key",
 )  # fmt: skip
+
+
+class Metric(NamedTuple):
+    """An error by which runs are compared, and what tells of the worst: columns, and what they are called."""
+
+    column: str
+    name: str
+    worst: str
+    worst_name: str
+
+
+MARKERS = Metric("marker_error_cm", "marker error", "marker_error_max_cm", "worst frame cm")
+JOINTS = Metric("joint_error_cm", "joint error", "joint_error_p95_cm", "95th percentile cm")
 
 
 class Table(NamedTuple):
@@ -54,22 +67,29 @@ def write_frames(rows: Sequence[Row], path: Path) -> Path:
     lines = []
     for row in {row["key"]: row for row in rows}.values():
         errors = row.get("error_per_frame_cm") or []
-        for frame, error in zip(row.get("frame_numbers", [])[: len(errors)], errors, strict=True):
+        for frame, error in zip(row["frame_numbers"] if errors else (), errors, strict=True):
             lines.append((row["key"], row["capture"], row["method"], row["seed"], frame, error))
     write_csv(path, ("key", "capture", "method", "seed", "frame", "marker_error_cm"), lines)
     return path
 
 
+def metric_of(rows: Sequence[Row]) -> Metric:
+    """Choose the metric of a report: markers, or joints where no run has an error of markers."""
+    known = lambda metric: any(row.get(metric.column) is not None for row in rows)  # noqa: E731
+    return JOINTS if known(JOINTS) and not known(MARKERS) else MARKERS
+
+
 def tables_of(rows: Sequence[Row]) -> list[Table]:
     """Make the comparison's tables first, then a table per experiment, in the order of the rows."""
+    metric = metric_of(rows)
     names = list(dict.fromkeys(row["experiment"] for row in rows))
     tables = []
     for name in names:
         members = [row for row in rows if row["experiment"] == name]
         if name == "comparison":
-            tables += [_errors(members), _margins(members)]
+            tables += [_errors(members, metric), _margins(members, metric)]
         else:
-            tables.append(_factor(name, members))
+            tables.append(_factor(name, members, metric))
     return tables
 
 
@@ -89,32 +109,35 @@ def _write_parquet(columns: dict[str, list[Any]], path: Path) -> None:
         pyarrow.parquet.write_table(pyarrow.table(columns), temporary)
 
 
-def _errors(rows: Sequence[Row]) -> Table:
+def _errors(rows: Sequence[Row], metric: Metric) -> Table:
     """Tabulate errors, method by capture."""
     captures, methods = _in_order(rows, "capture"), _in_order(rows, "value")
     body = []
     for method in methods:
-        cells = [_text(_of(rows, method, capture)) for capture in captures]
-        cells.append(_text(summary(row.get("marker_error_cm") for row in rows if row["value"] == method)))
-        seconds = summary(row.get("seconds_per_frame") for row in rows if row["value"] == method)
+        members = [row for row in rows if row["value"] == method]
+        cells = [_text([row for row in members if row["capture"] == capture], metric) for capture in captures]
+        cells.append(_text(members, metric))
+        seconds = summary(row.get("seconds_per_frame") for row in members)
         body.append((method, *cells, f"{seconds.median:.1f}"))
-    caption = "Marker error in cm: median over the seeds (quartiles in brackets where there are several runs)"
+    caption = (
+        f"{metric.name.capitalize()} in cm: median over the seeds (quartiles in brackets where there are several runs)"
+    )
     return Table(caption, ("method", *captures, "all", "s per frame"), body)
 
 
-def _margins(rows: Sequence[Row]) -> Table:
+def _margins(rows: Sequence[Row], metric: Metric) -> Table:
     """How far ours is ahead, paired."""
     ours = [row for row in rows if row["value"] == "ours"]
     body = []
     for method in _in_order(rows, "value"):
         if method != "ours":
             theirs = [row for row in rows if row["value"] == method]
-            body.append((method, *_difference(compare(ours, theirs, "marker_error_cm"))))
-    caption = "How much larger the marker error is than ours: paired by capture and seed, 95 % bootstrap interval"
+            body.append((method, *_difference(compare(ours, theirs, metric.column))))
+    caption = f"How much larger the {metric.name} is than ours: paired by capture and seed, 95 % bootstrap interval"
     return Table(caption, ("method", "pairs", "median cm", "interval", "verdict"), body)
 
 
-def _factor(name: str, rows: Sequence[Row]) -> Table:
+def _factor(name: str, rows: Sequence[Row], metric: Metric) -> Table:
     """Tabulate a value by row, per capture, and the difference from the first value of the same capture."""
     body = []
     several = len(_in_order(rows, "capture")) > 1 and len(_in_order(rows, "value")) == 1
@@ -124,14 +147,15 @@ def _factor(name: str, rows: Sequence[Row]) -> Table:
         first = [row for row in members if row["value"] == values[0]]
         for value in values:
             theirs = [row for row in members if row["value"] == value]
-            found = summary(row.get("marker_error_cm") for row in theirs)
-            worst = summary(row.get("marker_error_max_cm") for row in theirs)
+            found = summary(row.get(metric.column) for row in theirs)
+            worst = summary(row.get(metric.worst) for row in theirs)
             failed = sum(row["status"] != "done" for row in theirs)
-            gap = found.median - summary(row.get("marker_error_cm") for row in first).median
+            gap = found.median - summary(row.get(metric.column) for row in first).median
             change = "" if value == values[0] or not found.count else f"{gap:+.2f}"
             note = f"{failed} failed" if failed else ""
-            body.append((capture or "", value, _text(found), f"{worst.median:.2f}", change, note))
-    head = ("capture", rows[0]["factor"], "marker error cm", "worst frame cm", "change", "")
+            far = f"{worst.median:.2f}" if worst.count else "–"
+            body.append((capture or "", value, _text(theirs, metric), far, change, note))
+    head = ("capture", rows[0]["factor"], f"{metric.name} cm", metric.worst_name, "change", "")
     return Table(name, head, body)
 
 
@@ -139,13 +163,10 @@ def _in_order(rows: Sequence[Row], column: str) -> list[str]:
     return list(dict.fromkeys(row[column] for row in rows))
 
 
-def _of(rows: Sequence[Row], value: str, capture: str) -> Summary:
-    return summary(row.get("marker_error_cm") for row in rows if row["value"] == value and row["capture"] == capture)
-
-
-def _text(found: Summary) -> str:
+def _text(rows: Sequence[Row], metric: Metric) -> str:
+    found = summary(row.get(metric.column) for row in rows)
     if not found.count:
-        return "failed"
+        return "failed" if any(row["status"] != "done" for row in rows) else "–"
     return f"{found.median:.2f}" + (f" [{found.low:.2f}, {found.high:.2f}]" if found.count > 1 else "")
 
 

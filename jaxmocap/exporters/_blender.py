@@ -65,12 +65,13 @@ def blender_command() -> list[str]:
         raise InputError(f"{WHERE} names {named}, which is no program; name Blender, or a Python that has bpy.")
     if not named and importlib.util.find_spec("bpy") is not None:
         named = sys.executable
-    named = named or shutil.which("blender")
-    if not named:
+    found = shutil.which(named or "blender")
+    if not found:
         raise InputError(
             "FBX and .blend are written by Blender, which was not found; install it, or let JAXMOCAP_BLENDER name it "
             "or a Python of its own that has bpy."
         )
+    named = str(Path(found).absolute())  # it runs in another folder; a link is kept, which a venv's Python is
     if Path(named).name.lower().startswith("python"):
         return [named, "-I", str(_WORKER)]
     options = ["-b", "--factory-startup", "-noaudio", "--python-exit-code", "3", "-P"]

@@ -1,6 +1,8 @@
 """USD: the skinned actor on our own joints, its clip, and the cameras as they moved."""
 
 import importlib
+from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +44,10 @@ def write_usd(motion: Motion, path: Path, form: ExportForm) -> None:
     _add_actor(stage, motion, form, codes)
     if motion.cameras is not None:
         poses = np.linalg.inv(np.asarray(motion.cameras.cam_from_world, np.float64))
+        UsdGeom.Scope.Define(stage, "/World/Cameras")
+        called = _prim_names(motion.cameras.names)
         for index, (name, size) in enumerate(zip(motion.cameras.names, motion.cameras.sizes, strict=True)):
-            camera = UsdGeom.Camera.Define(stage, f"/World/{_prim_name(name)}")
+            camera = UsdGeom.Camera.Define(stage, f"/World/Cameras/{called[index]}")
             k = np.asarray(motion.cameras.intrinsics[index], np.float64)
             _set_lens(camera, k, size, form)
             camera.GetPrim().SetCustomDataByKey("name", name)
@@ -129,9 +133,15 @@ def _add_actor(stage: Any, motion: Motion, form: ExportForm, codes: Float[np.nda
     root.GetPrim().CreateAttribute("userProperties:rig", Sdf.ValueTypeNames.String).Set("jaxmocap")
 
 
-def _prim_name(name: str) -> str:
+def _prim_names(names: Sequence[str]) -> list[str]:
+    """Make identifiers of names, each once: cam-1 and cam_1 become cam_1 and cam_1_2."""
     (Tf,) = _pxr("Tf")
-    return str(Tf.MakeValidIdentifier(name))
+    found: list[str] = []
+    for name in names:
+        plain = str(Tf.MakeValidIdentifier(f"cam_{name}" if name[:1].isdigit() else name))
+        tries = (plain if number == 1 else f"{plain}_{number}" for number in count(1))
+        found.append(next(one for one in tries if one not in found))
+    return found
 
 
 def _pxr(*names: str) -> tuple[Any, ...]:

@@ -51,16 +51,17 @@ def evaluate(
     knees and ankles; "all" scores every joint of the skeleton; a list of names scores exactly these. Where the truth
     says that its joints are those of our skeleton (`joint_definitions`), all are comparable.
 
-    Returns what is known of, in centimetres: `frames`, `lost_frames`, `marker_error_cm` {mean, min, max, p95},
-    `joint_error_cm` and `joint_error_offset_corrected_cm` {mean, p95, max}, `joints_scored` [name, ...],
-    `joints_left_out` {name: mean error}, `pa_mpjpe_cm`, `seconds_per_frame`, `uncertainty_coverage` (how often the
-    regions of 50, 90 and 99 % hold the true joint), and further keys. `min` and `max` of markers are over frames of the
-    per-frame mean; `p95` and the joints' `max` are over single points. Raises `InputError` if the files cannot be read
-    or do not belong together.
+    Returns what is known of, in centimetres: `frames`, `lost_frames`, `frame_numbers` (those scored, of which
+    `marker_error_per_frame_cm` holds one each), `marker_error_cm` {mean, min, max, p95}, `joint_error_cm` and
+    `joint_error_offset_corrected_cm` {mean, p95, max}, `joints_scored` [name, ...], `joints_left_out` {name: mean
+    error}, `pa_mpjpe_cm`, `seconds_per_frame`, `uncertainty_coverage` (how often the regions of 50, 90 and 99 % hold
+    the true joint), and further keys. `min` and `max` of markers are over frames of the per-frame mean; `p95` and the
+    joints' `max` are over single points. Raises `InputError` if the files cannot be read or do not belong together.
     """
     motion = result if isinstance(result, Motion) else Motion.load(result)
     reference, evaluated = Truth.read(truth).at(motion)
     scores: dict[str, Any] = {"frames": len(evaluated), "lost_frames": int((evaluated.status == "lost").sum())}
+    scores["frame_numbers"] = evaluated.frames.tolist()
     if len(evaluated) < len(motion):
         scores["frames_without_truth"] = len(motion) - len(evaluated)
     if align == "joints":

@@ -1,6 +1,7 @@
 """Every baseline tracks a frame of the synthetic world from the true pose of the one before."""
 
 import json
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -17,6 +18,7 @@ from jaxmocap.baselines import (
     method,
     selected_histograms,
 )
+from jaxmocap.camera import View
 from jaxmocap.capture import Detections
 from jaxmocap.character import difference, skin
 from jaxmocap.track import FrameTracker, Tracker, track
@@ -60,6 +62,16 @@ def test_perfect_keypoints_place_the_body_to_a_centimetre(world, stood_still, tm
 def test_keypoint_triangulation_asks_for_keypoints(world):
     with pytest.raises(InputError, match="--detections"):
         track(world.observations(), tracker=KeypointTriangulation())
+
+
+def test_a_view_that_sees_nothing_takes_no_weight_from_the_others(world):
+    view, three = world.cameras.at(2), np.array([0, 1, 1])
+    view = View(view.intrinsics[three], view.cam_from_world[three])
+    keypoints = world.keypoints(2)
+    problem = SimpleNamespace(keypoints=np.concatenate([keypoints, np.zeros_like(keypoints[:1])]))
+    worker = SimpleNamespace(character=world.character, cameras=SimpleNamespace(at=lambda frame: view))
+    pose = KeypointTriangulation().find(worker, SimpleNamespace(number=2, problem=problem), world.pose(1))
+    assert error(world, pose, 2) < 0.8
 
 
 def test_too_few_keypoints_leave_the_last_pose(world, stood_still, tmp_path):

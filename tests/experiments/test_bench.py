@@ -149,6 +149,29 @@ def test_a_capture_of_one_s_own_needs_a_truth(tmp_path):
         bench("paper", tmp_path / "out", captures=[folder])
 
 
+@pytest.mark.parametrize(
+    ("given", "seeds", "quality"),
+    [
+        ({}, {0, 1, 2}, "normal"),
+        ({"quick": True}, {0}, "draft"),
+        ({"quick": True, "seeds": (4, 5), "quality": "normal"}, {4, 5}, "normal"),
+    ],
+)
+def test_seeds_and_preset_on_captures_of_one_s_own_are_those_of_the_suite(quick_runs, tmp_path, given, seeds, quality):
+    folder = write_capture(make_capture(2, (96, 54)), tmp_path / "capture")
+    rows = bench("paper", tmp_path / "out", captures=[folder], methods=["ours"], **given).rows
+    assert [(row["seed"], row["quality"]) for row in rows] == [(seed, quality) for seed in sorted(seeds)]
+
+
+def test_two_captures_of_the_same_name_are_refused(tmp_path):
+    for place in ("monday/Walk", "tuesday/walk"):
+        (tmp_path / place).mkdir(parents=True)
+        (tmp_path / place / "capture.toml").touch()
+    folders = [tmp_path / "monday" / "Walk", tmp_path / "tuesday" / "walk" / "capture.toml"]
+    with pytest.raises(InputError, match=r"two captures are called 'walk' \(\S+monday/Walk and \S+tuesday/walk\)"):
+        bench("paper", tmp_path / "out", captures=folders)
+
+
 @pytest.mark.slow
 def test_a_real_run_with_noisy_inputs_from_the_true_pose(tmp_path):
     """Two frames by keypoints, which takes least: it is the inputs that are tested."""

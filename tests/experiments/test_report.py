@@ -6,9 +6,22 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from box_figure import box_character, box_motion
 
 from jaxmocap._results import InputError
-from jaxmocap.experiments import complaints, error_curves, figures_of, tables_of, worse, write_figures, write_report
+from jaxmocap.experiments import (
+    Run,
+    complaints,
+    error_curves,
+    figures_of,
+    tables_of,
+    worse,
+    write_figures,
+    write_frames,
+    write_report,
+)
+from jaxmocap.experiments._perform import _record
+from jaxmocap.metrics import evaluate
 
 
 def row(experiment, value, capture, seed, error, factor="method", method=None, status="done"):
@@ -46,6 +59,29 @@ def test_the_tables_hold_medians_quartiles_and_paired_differences(rows):
     assert sweep.body == [("square", "0", "4.00", "8.00", "", ""), ("square", "0.3", "2.50", "5.00", "-1.50", "")]
 
 
+def test_a_truth_of_joints_alone_is_reported_by_joints(rows, tmp_path):
+    for one in rows:
+        error, worst = one.pop("marker_error_cm"), one.pop("marker_error_max_cm")
+        one |= {"joint_error_cm": error, "joint_error_p95_cm": worst, "error_per_frame_cm": None}
+    errors, margins, sweep = tables_of(rows)
+    assert errors.caption.startswith("Joint error in cm")
+    assert errors.body[0] == ("ours", "2.10 [2.05, 2.15]", "3.10 [3.05, 3.15]", "2.60 [2.12, 3.08]", "1.5")
+    assert errors.body[2][1] == "failed"
+    assert errors.body[2][2] == "–"  # which was not run
+    assert margins.body[0] == ("posecut", "6", "+3.10", "[+3.00, +3.20]", "ours is better")
+    assert "joint error" in margins.caption
+    assert sweep.head == ("capture", "lambda", "joint error cm", "95th percentile cm", "change", "")
+    assert sweep.body[1] == ("square", "0.3", "2.50", "5.00", "-1.50", "")
+    assert "comparison, square, ours: joint error" in {one["metric"] for one in figures_of(rows)}
+    assert "Marker error" not in write_report(rows, tmp_path, {})[0].read_text()
+
+
+def test_a_run_that_finished_without_an_error_to_show_did_not_fail(rows):
+    rows += [row("comparison", "ours", "no markers", 0, None)]
+    errors = tables_of(rows)[0]
+    assert (errors.head[3], errors.body[0][3]) == ("no markers", "–")
+
+
 def test_the_curve_of_a_constant_error_is_a_level_line():
     picture = ElementTree.fromstring(error_curves({"ours": ([3, 4, 5], [2.0, 2.0, 2.0]), "b": ([3, 5], [0.0, 4.0])}))
     lines = [e.get("points") for e in picture.iter() if e.tag.endswith("polyline")]
@@ -60,6 +96,18 @@ def test_unknown_errors_are_left_out_of_a_curve():
     picture = error_curves({"ours": ([0, 1, 2], [1.0, float("nan"), 3.0])})
     assert len(re.search(r'points="([^"]*)"', picture)[1].split()) == 2
     assert "nan" not in picture
+
+
+def test_frames_that_the_truth_does_not_cover_have_no_error_in_the_report(tmp_path):
+    motion = box_motion(box_character(), num_frames=6)
+    markers = np.stack([motion.vertices(frame)[:5] for frame in range(6)]).astype(float)
+    np.savez(tmp_path / "truth.npz", markers=markers[2:5], timestamps=motion.timestamps[2:5])
+    scores = evaluate(motion, tmp_path / "truth.npz")
+    record = _record(Run("square"), "cafe", scores, motion, [], 1.0, 1.0, 1.0)
+    rows = [{"experiment": "comparison", "factor": "method", "value": "ours", **record}]
+    lines = write_frames(rows, tmp_path / "frames.csv").read_text().splitlines()[1:]
+    assert [line.split(",")[4] for line in lines] == ["2", "3", "4"]
+    assert write_report(rows, tmp_path, {})[0].read_text().count("<polyline") == 1
 
 
 def test_the_page_needs_nothing_else_and_escapes_what_it_is_told(rows, tmp_path):

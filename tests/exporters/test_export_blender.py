@@ -93,6 +93,14 @@ def test_blender_writes_a_single_frame(even, tmp_path):
     np.testing.assert_allclose(vertices, even.vertices(4) @ Z_UP.T, atol=1e-3)
 
 
+def test_a_relative_blender_is_found_from_where_it_is_named(tmp_path, monkeypatch):
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "python").symlink_to(sys.executable)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JAXMOCAP_BLENDER", "bin/python")
+    assert blender_command()[0] == str(tmp_path / "bin" / "python")
+
+
 def test_without_blender_it_says_where_one_is_looked_for(even, tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setenv("PATH", str(tmp_path))

@@ -1,5 +1,7 @@
 """USD exports, posed by Pixar's own UsdSkel."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def test_the_skin_and_the_cameras_are_the_motion_s(motion, tmp_path, name, form)
         assert query.ComputeSkinnedPoints(skeleton.ComputeSkinningTransforms(code), points, code)
         np.testing.assert_allclose(np.array(points) / per_metre, motion.vertices(frame) @ turn.T, atol=1e-4)
         for index, view in enumerate(motion.cameras.names):
-            frustum = UsdGeom.Camera.Get(stage, f"/World/{view}").GetCamera(code).frustum
+            frustum = UsdGeom.Camera.Get(stage, f"/World/Cameras/{view}").GetCamera(code).frustum
             seen = frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()
             for joint in motion.joints[frame, ::7].astype(float):
                 x, y, _ = seen.Transform((per_metre * turn @ joint).tolist())
@@ -42,6 +44,25 @@ def test_the_skin_and_the_cameras_are_the_motion_s(motion, tmp_path, name, form)
                 )
                 expected = pixel[:2] / pixel[2]
                 np.testing.assert_allclose([(x + 1) * width / 2, (1 - y) * height / 2], expected, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("names", "called"),
+    [
+        (("1", "2"), ("cam_1", "cam_2")),
+        (("cam-1", "cam_1"), ("cam_1", "cam_1_2")),
+        (("Actor", "cam 1"), ("Actor", "cam_1")),
+    ],
+)
+def test_cameras_of_any_name_have_a_place_of_their_own(motion, tmp_path, names, called):
+    from pxr import Usd
+
+    renamed = replace(motion, cameras=replace(motion.cameras, names=names))
+    stage = Usd.Stage.Open(str(export(renamed, tmp_path / "dance.usda")))
+    cameras = stage.GetPrimAtPath("/World/Cameras").GetChildren()
+    assert [camera.GetName() for camera in cameras] == list(called)
+    assert [camera.GetCustomDataByKey("name") for camera in cameras] == list(names)
+    assert stage.GetPrimAtPath("/World/Actor").GetTypeName() == "SkelRoot"
 
 
 def test_without_usd_core_the_sentence_says_what_to_install(motion, tmp_path, monkeypatch):

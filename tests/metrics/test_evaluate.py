@@ -135,6 +135,7 @@ def test_frames_beyond_the_truth_are_counted_and_left_out(motion, tmp_path):
     short = truth | {name: truth[name][:5] for name in ("markers", "joints")}
     scores = evaluate(motion, _write(tmp_path / "truth.npz", short))
     assert (scores["frames"], scores["frames_without_truth"]) == (5, 3)
+    assert scores["frame_numbers"] == [0, 1, 2, 3, 4]
     with pytest.raises(InputError, match="share none, so this is the truth of another capture"):
         evaluate(motion[5:], tmp_path / "truth.npz")
 
