@@ -65,7 +65,8 @@ def test_impossible_videos_are_refused_and_leave_no_file(tmp_path, frames, sente
     assert os.listdir(tmp_path) == []
 
 
-def test_a_folder_that_does_not_exist_is_named(tmp_path):
+def test_a_place_where_no_video_can_be_is_named(tmp_path):
+    (tmp_path / "none").write_text("mine")
     with pytest.raises(InputError, match=r"none/a\.mp4 cannot be written"):
         write_overlay_video(tmp_path / "none/a.mp4", [(0.0, _ramp(32, 32, 0))])
 
