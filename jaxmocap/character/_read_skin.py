@@ -80,7 +80,7 @@ def _joined(document: Document, parts: dict[int, _Parts], main: int) -> tuple[li
     vertices, faces, weights = parts[main]
     left = sorted((skin for skin in parts if skin != main), key=lambda skin: -len(parts[skin][0]))
     while True:
-        skin = next((skin for skin in left if set(_joints(document, skin)[0]) & set(joints)), None)
+        skin = next((skin for skin in left if set(document.item("skins", skin).joints) & set(joints)), None)
         if skin is None:
             return joints, inverse_binds, (vertices, faces, weights)
         left.remove(skin)

@@ -111,9 +111,7 @@ def _examine_cameras(indices: Sequence[VideoIndex], options: RunOptions) -> None
             raise InputError(f"--offset {name}={seconds}: a number of seconds was expected, such as {name}=-0.4")
     for option, told in (("--focal", options.focal), ("--person", options.person)):
         if unknown := next((name for name in told if name not in names), None):
-            raise InputError(
-                f"{option} names {unknown!r}; the cameras are called like their videos: {', '.join(names)}"
-            )
+            raise InputError(f"{option} names {unknown!r}; {_names_wanted(names)}")
     for name, focal in options.focal.items():
         if not 10 < focal < 1e5:
             raise InputError(f"--focal {name}={focal:g}: pixels were expected, about the width of the pictures")
