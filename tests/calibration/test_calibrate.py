@@ -138,9 +138,9 @@ def test_phones_that_stand_still_are_refused_unless_their_focal_length_is_known(
     capture = Capture.open(still)
     before = files_of(still)
     with pytest.raises(InputError, match=r"did not move|cannot be calibrated"):
-        calibrate(capture, camera_distance=distance())
+        calibrate(capture, camera_distance=distance(), static=False)
     assert files_of(still) == before
-    known = calibrate(capture, camera_distance=distance(), focal={"cam0": FOCAL, "cam1": FOCAL})
+    known = calibrate(capture, camera_distance=distance(), static=False, focal={"cam0": FOCAL, "cam1": FOCAL})
     found = np.asarray(known.cameras.cam_from_world, float).reshape(-1, 4, 4)
     true = np.repeat(POSES[:, :1], COUNT, axis=1).reshape(-1, 4, 4)
     _, angles = camera_residuals(align_cameras(found, true), found, true)
