@@ -80,7 +80,8 @@ def test_a_video_that_cuts_to_another_place(tmp_path, capsys, cut):
 @pytest.mark.slow
 def test_twelve_seconds_of_nothing_but_the_person(tmp_path, capsys):
     images = {"cam0": person_alone, "cam1": lambda number: person_alone(number, seed=1)}
-    assert "cannot be calibrated" in refused(tmp_path / "alone", capsys, count=360, images=images)
+    said = refused(tmp_path / "alone", capsys, count=360, images=images)
+    assert "cannot be calibrated" in said or "too little background" in said
 
 
 def test_two_phones_that_lie_still(tmp_path, capsys):
