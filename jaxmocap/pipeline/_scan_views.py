@@ -156,7 +156,8 @@ def _in_place(file: Path, place: Path, upright: bool, longest: int | None) -> _P
         return _Picture(file, (width, height), 1.0)
     if scale < 1.0:
         pixels = cv2.resize(pixels, (round(scale * width), round(scale * height)), interpolation=cv2.INTER_AREA)
-    encoded = cv2.imencode(file.suffix, pixels, [cv2.IMWRITE_JPEG_QUALITY, 98])[1]
+    quality = [] if file.suffix.lower() == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 98]
+    encoded = cv2.imencode(file.suffix, pixels, quality)[1]
     (place / file.name).write_bytes(encoded.tobytes())
     return _Picture(place / file.name, (width, height), scale)
 
