@@ -14,6 +14,7 @@ import jaxlib
 import numpy as np
 import pytest
 import trimesh
+from rich.table import Table
 
 from jaxmocap._cli import _output, _run, run
 from jaxmocap._cli._output import progress, show
@@ -61,6 +62,16 @@ def refused(arguments: list[object], capsys) -> str:
 
 
 # Starting up ------------------------------------------------------------------------------------------------------
+
+
+def test_a_path_stays_in_one_piece_where_no_terminal_reads_it(capsys):
+    long = "a folder with blanks/" * 12
+    show(None, lambda: f"{long}: open it", json_wanted=False)
+    assert capsys.readouterr().out == f"{long}: open it\n"
+    table = Table("file")
+    table.add_row(long)
+    show(None, lambda: table, json_wanted=False)
+    assert long in capsys.readouterr().out
 
 
 def test_no_help_offers_none_as_a_choice(capsys):

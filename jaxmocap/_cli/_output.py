@@ -28,12 +28,17 @@ def say(message: str) -> None:
 
 
 def show(value: Any, as_text: Callable[[], Any], *, json_wanted: bool) -> None:
-    """Write a command's answer on standard output: `value` as JSON alone, or `as_text()` as rich prints it."""
+    """Write a command's answer on standard output: `value` as JSON alone, or `as_text()` as rich prints it, lines and
+    tables as wide as they are where it is not read on a terminal."""
     if json_wanted:
         plain = json.loads(json.dumps(value, default=str), parse_constant=lambda _: None)  # NaN is no JSON
         print(json.dumps(plain, indent=2, allow_nan=False, ensure_ascii=False))
     else:
-        Console(highlight=False).print(as_text(), markup=False)
+        console, text = Console(highlight=False), as_text()
+        if not console.is_terminal:
+            natural = console.measure(text, options=console.options.update(width=9999)).maximum
+            console.width = max(console.width, natural)
+        console.print(text, markup=False)
 
 
 @contextlib.contextmanager

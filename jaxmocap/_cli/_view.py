@@ -35,7 +35,10 @@ def view(
         ),
     ] = None,
     host: Annotated[
-        str, tyro.conf.arg(metavar="ADDRESS", help="Who may look: 0.0.0.0 lets in the whole network.")
+        str,
+        tyro.conf.arg(
+            metavar="ADDRESS", help="Address of this machine to serve at: 0.0.0.0 lets in the whole network."
+        ),
     ] = "127.0.0.1",
     port: Annotated[int, tyro.conf.arg(metavar="N", help="First port to try.")] = 8080,
     movie: Annotated[

@@ -1,6 +1,7 @@
 """The pictures of the report page: overlays, as small as they have to be for all of them to fit."""
 
 import base64
+import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,16 +61,17 @@ def report_pictures(folder: Path, motion: Motion, capture: Capture | None, budge
 
 def _source(video: Path, motion: Motion, capture: Capture | None, view: int) -> Source:
     if video.is_file():
-        index = index_video(video)
-        if index.num_frames == len(motion):
-            return lambda positions: _read(index, positions)
+        with contextlib.suppress(InputError):  # it was cut short: drawn anew
+            index = index_video(video)
+            if index.num_frames == len(motion):
+                return lambda positions: _read(index, positions)
     if capture is None:
         raise InputError(f"there is no {video.name} with {len(motion)} frames, and no capture to draw them from")
-    cameras, character = capture.cameras, motion.character
 
     def drawn(positions: Sequence[int]) -> Iterator[Image]:
         chosen = motion[np.asarray(positions)]
-        return (image for _, image in overlay_frames(capture, cameras, character, chosen, view))
+        assert chosen.cameras is not None  # one of which is the view
+        return (image for _, image in overlay_frames(capture, chosen.cameras, motion.character, chosen, view))
 
     return drawn
 

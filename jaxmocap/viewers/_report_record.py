@@ -58,12 +58,12 @@ def findings(motion: Motion) -> list[dict[str, Any]]:
 
     `frames` are those to look at; `entry` is the heading under which the guide explains it, "" where it has none.
     """
-    verdicts, spans = np.array(frame_verdicts(motion)), motion.provenance.get("lost") or []
+    verdicts, spans = np.array(frame_verdicts(motion)), _spans(motion, "lost")
     found = []
     reasons = sorted({span["why"] for span in spans if span["part"] == "body"})
     doubts: dict[str, list[int]] = {}
-    for span in motion.provenance.get("doubts") or []:
-        doubts.setdefault(span["why"], []).extend(range(span["first"], span["last"] + 1))
+    for span in _spans(motion, "doubts"):
+        doubts.setdefault(span["why"], []).extend(_within(motion, span))
     for kind in ("lost", PASSED_OVER, "doubtful"):
         frames = motion.frames[verdicts == kind].tolist()
         if frames and kind == "doubtful" and doubts:
@@ -76,7 +76,7 @@ def findings(motion: Motion) -> list[dict[str, Any]]:
             found.append(_finding(kind, f"{kind.capitalize()}: {_frames(frames)}: {why}.", _starts(frames), entry))
     limbs: dict[tuple[str, str], list[int]] = {}
     for span in _limb_spans(motion):
-        limbs.setdefault((span["part"], span["why"]), []).extend(range(span["first"], span["last"] + 1))
+        limbs.setdefault((span["part"], span["why"]), []).extend(_within(motion, span))
     for (part, why), frames in limbs.items():
         text = f"The {part} is lost in {_frames(frames)}: {why}."
         found.append(_finding("lost", text, _starts(frames), GUIDE_ENTRIES.get(why, "")))
@@ -91,14 +91,15 @@ def report_record(motion: Motion, report: Mapping[str, Any]) -> dict[str, Any]:
     """Collect everything the page plots and lists; `report` is what `report.json` holds."""
     inner = np.linalg.norm(accelerations(motion.joints.astype(np.float64), motion.timestamps), axis=-1).mean(axis=1)
     skate = foot_skate(motion)
-    joints = [motion.joint_names.index(name) for name in JOINTS]
+    names = _reported_joints(motion)
+    joints = [motion.joint_names.index(name) for name in names]
     return {
         "frames": motion.frames.tolist(),
         "seconds": _rounded(motion.timestamps, 3),
         "status": frame_verdicts(motion),
         "energy": {name: _rounded(values, 4) for name, values in motion.energy.items()},
         "confidence": {
-            "names": list(JOINTS),
+            "names": names,
             "values": [_rounded(motion.confidence[:, joint], 2) for joint in joints],
             "mean": _rounded(motion.confidence.mean(axis=1), 3),
         },
@@ -129,7 +130,17 @@ def read_report(path: Path) -> dict[str, Any]:
 
 
 def _limb_spans(motion: Motion) -> list[dict[str, Any]]:
-    return [span for span in motion.provenance.get("lost") or [] if span["part"] != "body"]
+    return [span for span in _spans(motion, "lost") if span["part"] != "body"]
+
+
+def _spans(motion: Motion, kind: str) -> list[dict[str, Any]]:
+    """List the recorded spans that have frames in this motion, which may be a part of what was tracked."""
+    return [span for span in motion.provenance.get(kind) or [] if _within(motion, span)]
+
+
+def _within(motion: Motion, span: Mapping[str, Any]) -> list[int]:
+    """List the motion's frames in a span of the record."""
+    return motion.frames[(motion.frames >= span["first"]) & (motion.frames <= span["last"])].tolist()
 
 
 def _least_sure(motion: Motion, looked_at: np.ndarray) -> list[int]:
@@ -156,8 +167,8 @@ def _selected(motion: Motion) -> list[tuple[int, dict[str, Any]]]:
 
 def _outlier_cameras(motion: Motion) -> list[dict[str, Any]]:
     frames: dict[tuple[str, str], list[int]] = {}
-    for span in motion.provenance.get("outlier_cameras") or []:
-        frames.setdefault((span["camera"], span["why"]), []).extend(range(span["first"], span["last"] + 1))
+    for span in _spans(motion, "outlier_cameras"):
+        frames.setdefault((span["camera"], span["why"]), []).extend(_within(motion, span))
     return [
         _finding(
             "doubtful",
@@ -180,14 +191,19 @@ def _doubtful_masks(motion: Motion) -> list[dict[str, Any]]:
     return found
 
 
+def _reported_joints(motion: Motion) -> list[str]:
+    """Name the joints whose curves are shown: those that every rig has, all landmarks of a skeleton without them."""
+    return [name for name in JOINTS if name in motion.joint_names] or list(motion.joint_names)
+
+
 def _uncertainty(motion: Motion) -> dict[str, Any] | None:
     """List standard deviations in centimetres: mean over the joints, and each wrist and ankle, which err most."""
     deviations = motion.joint_deviations
     if deviations is None:
         return None
     names = [f"{side}_{end}" for end in ("wrist", "ankle") for side in "lr"]
-    curves = {name: 100 * deviations[:, motion.joint_names.index(name)] for name in names}
-    joints = [motion.joint_names.index(joint) for joint in JOINTS]
+    curves = {name: 100 * deviations[:, motion.joint_names.index(name)] for name in names if name in motion.joint_names}
+    joints = [motion.joint_names.index(joint) for joint in _reported_joints(motion)]
     mean = 100 * deviations[:, joints].mean(axis=1)
     return {name: _rounded(values, 2) for name, values in {"mean over joints": mean, **curves}.items()}
 

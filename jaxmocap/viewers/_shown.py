@@ -17,7 +17,7 @@ from jaxmocap.motion import Motion
 
 from ._first_view import frustum_size
 from ._overlay import bone_indices
-from ._video import positions_in_capture
+from ._video import positions_in_capture, view_in_capture
 
 _IMAGE_SIDE = 640  # pixels of the longer side; enough to look at, quick to send
 _MOMENTS = 60  # positions at which the person's way is looked at
@@ -54,7 +54,7 @@ class Shown:
         capture."""
         if self.capture is None:
             return None
-        image = self.capture.image(view, self.positions[index])
+        image = self.capture.image(view_in_capture(self.capture, self.camera_names[view]), self.positions[index])
         scale = min(side / max(image.shape[:2]), 1.0)
         return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
 
@@ -153,6 +153,8 @@ def _capture_of(
         return None, ()
     try:
         opened = given if isinstance(given, Capture) else Capture.open(str(given or recorded))
+        for name in () if motion.cameras is None else motion.cameras.names:
+            view_in_capture(opened, name)
         return opened, tuple(positions_in_capture(opened, motion))
     except InputError as error:
         if given is not None:
@@ -171,7 +173,13 @@ def _truth_of(
     if given is None and not Path(path).is_file():
         missing.append(f"The truth {path} is no longer there; it is shown without.")
         return None
-    truth, evaluated = Truth.read(path).at(motion)
+    try:
+        truth, evaluated = Truth.read(path).at(motion)
+    except InputError as error:
+        if given is not None:
+            raise
+        missing.append(f"It is shown without the truth: {error}")
+        return None
     points = truth.markers if truth.markers is not None else truth.joints
     assert points is not None  # a truth file has one of them
     placed = IDENTITY

@@ -60,17 +60,23 @@ def overlay_frames(
     *,
     style: OverlayStyle = OverlayStyle(),
 ) -> Iterator[tuple[float, UInt8[np.ndarray, "height width 3"]]]:
-    """Yield `(seconds, RGB image with the tracked body)` for every frame of a motion in one view."""
-    intrinsics = np.asarray(cameras.intrinsics)[camera_index]
-    cam_from_world = np.asarray(cameras.cam_from_world)[camera_index]
-    faces = np.asarray(character.faces)
-    for index, position in enumerate(positions_in_capture(capture, motion)):
+    """Yield `(seconds, RGB image with the tracked body)` for every frame of a motion in one view.
+
+    `cameras` cover the whole capture, or are the motion's own.
+    """
+    positions, view = positions_in_capture(capture, motion), view_in_capture(capture, cameras.names[camera_index])
+    poses = np.asarray(cameras.cam_from_world)[camera_index]
+    if cameras is not motion.cameras:
+        poses = poses[positions]
+    sizes = tuple(capture.sizes[view] if index == camera_index else size for index, size in enumerate(cameras.sizes))
+    intrinsics, faces = np.asarray(cameras.resized(sizes).intrinsics)[camera_index], np.asarray(character.faces)
+    for index, position in enumerate(positions):
         image = draw_overlay(
-            capture.image(camera_index, position),
+            capture.image(view, position),
             motion.vertices(index),
             faces,
             intrinsics,
-            cam_from_world[position],
+            poses[index],
             joints=motion.joints[index],
             joint_names=motion.joint_names,
             confidence=motion.confidence[index],
@@ -84,17 +90,28 @@ def overlay_frames(
 def positions_in_capture(capture: Capture, motion: Motion) -> list[int]:
     """Find where the motion's frames are in the capture.
 
-    A result counts as the first camera's video does, a capture counts the frames all cameras share. Raises `InputError`
-    for a frame the capture does not have.
+    A result counts as its first camera's video does, a capture counts the frames all cameras share. Raises `InputError`
+    for a frame the capture does not have, or if it lacks that camera.
     """
-    positions = {int(frame): position for position, frame in enumerate(capture.video_frames[0])}
+    view = 0 if motion.cameras is None else view_in_capture(capture, motion.cameras.names[0])
+    positions = {int(frame): position for position, frame in enumerate(capture.video_frames[view])}
     missing = [frame for frame in motion.frames.tolist() if frame not in positions]
     if missing:
         raise InputError(
             f"Frame {missing[0]} of the result is not among the frames that all cameras of {capture.folder} share "
-            f"({capture.video_frames[0, 0]} to {capture.video_frames[0, -1]}); is it the result of another capture?"
+            f"({capture.video_frames[view, 0]} to {capture.video_frames[view, -1]}); is it of another capture?"
         )
     return [positions[frame] for frame in motion.frames.tolist()]
+
+
+def view_in_capture(capture: Capture, name: str) -> int:
+    """Find a result's camera among those of a capture. Raises `InputError` where it is not."""
+    if name not in capture.camera_names:
+        raise InputError(
+            f"Camera {name} of the result is not among those of {capture.folder} ({', '.join(capture.camera_names)}); "
+            "is it of another capture?"
+        )
+    return capture.camera_names.index(name)
 
 
 class VideoWriter:

@@ -1,6 +1,7 @@
 """The viewer: a result in three dimensions in the browser, served by viser."""
 
 import os
+import socket
 import threading
 import time
 from contextlib import suppress
@@ -45,6 +46,12 @@ def view(
         import viser
     except ImportError:
         raise InputError("The viewer needs viser, which is not installed; run pip install 'jaxmocap[view]'.") from None
+    try:
+        socket.create_server((host, 0)).close()  # viser takes every refusal for a port in use
+    except OSError as error:
+        raise InputError(
+            f"--host {host} is no address of this machine ({error.strerror or error}); 0.0.0.0 serves at all of them."
+        ) from None
     shown = gather(result, other, truth, capture)
     return ResultViewer(viser.ViserServer(host=host, port=port, label="jaxmocap", verbose=False), shown)
 

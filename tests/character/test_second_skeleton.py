@@ -38,6 +38,7 @@ from jaxmocap.refinement import Rows, descend, free_prior
 from jaxmocap.refiners import Shooting
 from jaxmocap.samplers import InteractingSimulatedAnnealing
 from jaxmocap.search import PoseScore, group_searches
+from jaxmocap.viewers._report_record import report_record
 
 sys.path.append(str(Path(__file__).parents[1] / "exporters"))
 from posed_glb import PosedGlb
@@ -251,6 +252,13 @@ def test_csv_has_a_column_per_angle(motion, tmp_path):
 @pytest.mark.parametrize("suffix", [".usda", ".trc", ".mot", ".osim", ".c3d"])
 def test_the_other_formats_take_it_too(motion, tmp_path, suffix):
     assert export(motion, tmp_path / f"arm{suffix}").stat().st_size > 0
+
+
+def test_the_report_plots_the_landmarks_there_are(motion):
+    deviations = np.broadcast_to(1e-4 * np.eye(3, dtype=np.float32), (*motion.joints.shape, 3))
+    record = report_record(replace(motion, covariance=deviations), {})
+    assert set(record["uncertainty"]) == {"mean over joints", "l_wrist"}
+    assert "l_elbow" in record["confidence"]["names"]
 
 
 def test_a_result_folder_gives_the_skeleton_back(motion, tmp_path):

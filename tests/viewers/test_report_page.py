@@ -158,6 +158,15 @@ def test_a_camera_that_the_others_contradict_is_named():
     ]
 
 
+def test_a_part_of_a_motion_tells_of_its_own_frames():
+    told = judged().provenance | {"doubts": [{"first": 4, "last": 9, "why": "dark"}]}
+    told["outlier_cameras"] = [{"camera": "left", "first": 8, "last": 9, "why": "off"}]
+    found = findings(judged(provenance=told)[:6])
+    assert {frame for finding in found for frame in finding["frames"]} <= set(range(6))
+    assert [finding["text"] for finding in found if "Doubtful" in finding["text"]] == ["Doubtful: frames 4-5: dark."]
+    assert not any("Camera left" in finding["text"] for finding in found)
+
+
 def test_where_nothing_can_be_trusted_the_verdict_says_so():
     assert headline(judged()[[4, 5, 6, 9]]) == "No frame can be trusted."
     assert headline(judged()[1:3]) == "No frame can be trusted. In 2 a limb is lost."
@@ -332,6 +341,21 @@ def test_a_video_of_another_length_is_not_taken_for_the_motions(result):
     (result / "overlay_left.mp4").unlink()
     grey_videos(result, ("left",), frames=5)
     assert "with 12 frames" in Parsed(report_page(result).read_text()).text
+
+
+def test_a_video_that_was_cut_short_is_drawn_anew_where_the_world_was_tracked(tmp_path):
+    """The capture has been calibrated anew since: its world lies elsewhere."""
+    shown = make_capture(4, (160, 90))
+    motion = Motion.from_poses(
+        shown.character, shown.poses, np.arange(4), shown.timestamps, cameras=shown.cameras, provenance={"lost": []}
+    )
+    result = motion.save(tmp_path / "result")
+    (result / "overlay_cam0.mp4").write_bytes(b"cut")
+    moved = shown.cameras.cam_from_world.at[..., 0, 3].add(1.0)
+    now = write_capture(replace(shown, cameras=replace(shown.cameras, cam_from_world=moved)), tmp_path / "capture")
+    drawn = picture(data_of(report_page(result, capture=Capture.open(now)))["pictures"][0][1])[..., ::-1].astype(float)
+    changed, person = np.abs(drawn - shown.images[1][0].astype(float)).mean(-1), shown.masks[1][0]
+    assert changed[person].mean() > 3 * changed[~person].mean()
 
 
 def test_without_overlay_videos_pictures_are_drawn_over_the_capture(tmp_path):

@@ -87,6 +87,8 @@ def scene():
     )
     capture = SimpleNamespace(
         folder="capture",
+        camera_names=cameras.names,
+        sizes=cameras.sizes,
         video_frames=np.stack([np.arange(4, 10), np.arange(6)]),
         image=lambda camera, position: _ramp(120, 80, 20 * position),
     )

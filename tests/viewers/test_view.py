@@ -53,6 +53,28 @@ def test_images_and_truth_are_those_of_the_motions_frames(world):
         np.testing.assert_allclose(gathered.truth[index], shown.markers[index + 1], atol=1e-5)
 
 
+def test_pictures_are_found_by_the_cameras_names(world, tmp_path):
+    """In another order, and with one of them gone."""
+    shown, motion = world
+    folder = write_capture(shown, tmp_path / "capture")
+    told = (folder / "capture.toml").read_text()
+    head, first, second = (part.strip() for part in told.split("[[camera]]"))
+    turned = head + f"\n\n[[camera]]\n{second}\n\n[[camera]]\n{first}\n"
+    (folder / "capture.toml").write_text(turned)
+    image = gather(motion, capture=folder).image(1, 2)
+    assert np.abs(image.astype(int) - shown.images[2, 1]).mean() < 8
+    other = replace(motion, cameras=replace(motion.cameras, names=("cam0", "gone")))
+    assert "Camera gone of the result is not among those" in gather(other).missing[0]
+
+
+def test_a_recorded_truth_that_is_damaged_is_done_without(world, tmp_path):
+    _, motion = world
+    (tmp_path / "truth.npz").write_bytes(b"none")
+    gathered = gather(replace(motion, provenance=motion.provenance | {"truth": str(tmp_path / "truth.npz")}))
+    assert gathered.truth is None
+    assert "shown without the truth" in gathered.missing[0]
+
+
 def test_a_truth_in_another_world_is_brought_to_the_motions(world, tmp_path):
     shown, motion = world
     turn, shift = Rotation.from_rotvec([0.3, 1.0, -0.2]).as_matrix(), np.array([4.0, -1.0, 2.0])
@@ -208,6 +230,7 @@ def test_the_command_refuses_what_it_cannot_show(tmp_path, capsys, world):
         ([tmp_path / "nowhere"], "is not a result"),
         ([tmp_path / "result", "--port", "99999"], "from 0 to 65535"),
         ([tmp_path / "result", "--rerun", tmp_path / "x.mp4"], "ends in .rrd"),
+        ([tmp_path / "result", "--host", "203.0.113.7"], "no address of this machine"),
     ):
         assert run(["view", *map(str, arguments)]) == 2
         assert words in capsys.readouterr().err
