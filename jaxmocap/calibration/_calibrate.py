@@ -30,6 +30,7 @@ from ._world import find_gravity, world_from_model
 _MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin", "rigs.bin", "frames.bin")
 _LONGEST = 1.0  # seconds: a hand moves too much for longer ones to be filled in
 _LARGEST_SHARE = 0.2  # of the shared frames that may be filled in
+_LOOSE = 20  # degrees, standard deviation of a camera's direction: real ones have 0.1 by the background, 2 by a person
 
 
 @dataclass(frozen=True)
@@ -162,9 +163,22 @@ def calibrate(
             recorded.metres_per_unit,
         )
     record = make_record(timed, solved, scale, gravity, world, joints, time.perf_counter() - began)
+    _refuse_loose_cameras(capture, record)
     record["time"] = None if clock is None else clock.record(recorded)
     picture = draw_paths(timed, world.cameras(solved.shared_poses()), world(solved.points), world(joints), interpolated)
     return Calibration(cameras, record, pose_table(timed, solved, world), picture, files, timed.offsets)
+
+
+def _refuse_loose_cameras(capture: Capture, record: Mapping[str, Any]) -> None:
+    """Raise `InputError` where a camera's direction is hardly known, as noise that was matched leaves it."""
+    loose = {name: camera["rotation_deviation_degrees"] for name, camera in record["cameras"].items()}
+    name = max(loose, key=lambda name: loose[name])
+    if loose[name] > _LOOSE:
+        raise InputError(
+            f"the cameras of capture '{capture.name}' cannot be calibrated: what was found leaves the direction of "
+            f"{name} open by {loose[name]:.0f} degrees (standard deviation; {_LOOSE} at most are of use). There is too "
+            "little background that stands still, or of the person that moves: film from farther away, for longer."
+        )
 
 
 def _moved(capture: Capture, clock: PersonClock) -> Capture:

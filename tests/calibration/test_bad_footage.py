@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 from filmed_square import SIZE, TEXTURES, TOML, picture, walk, write_video
 
 from jaxmocap._cli import run
+from jaxmocap._results import InputError
+from jaxmocap.calibration._calibrate import _refuse_loose_cameras
 
 COUNT = 24
 POSES = walk(COUNT)
@@ -82,6 +85,14 @@ def test_twelve_seconds_of_nothing_but_the_person(tmp_path, capsys):
     images = {"cam0": person_alone, "cam1": lambda number: person_alone(number, seed=1)}
     said = refused(tmp_path / "alone", capsys, count=360, images=images)
     assert "cannot be calibrated" in said or "too little background" in said
+
+
+def test_cameras_whose_directions_are_open_are_refused():
+    cameras = {"cam0": {"rotation_deviation_degrees": 0.2}, "cam1": {"rotation_deviation_degrees": 306.0}}
+    capture = SimpleNamespace(name="alone")
+    with pytest.raises(InputError, match="direction of cam1 open by 306 degrees"):
+        _refuse_loose_cameras(capture, {"cameras": cameras})
+    _refuse_loose_cameras(capture, {"cameras": cameras | {"cam1": {"rotation_deviation_degrees": 2.0}}})
 
 
 def test_two_phones_that_lie_still(tmp_path, capsys):

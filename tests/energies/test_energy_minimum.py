@@ -77,8 +77,7 @@ def test_views_agree_better_at_twice_the_resolution():
     problem = build_problem(list(truth.images[0]), rectangle, cameras, 0, vertices, surface)
     part = body_part(character, character.skeleton.group("root"))
     energy = SearchEnergy((ViewView(fail="ignore", outside="ignore"),))
-    corners = jnp.zeros((2, 2), jnp.int32)
-    scores, _ = score_in(energy, character, part, pose, problem, corners, problem.size, jnp.zeros((1, 39)))
+    scores, _ = score_in(energy, character, part, pose, problem, jnp.zeros((1, 39)))
     assert 0 < float(scores.terms[0, 0]) / 2 < 0.05
 
 
