@@ -11,7 +11,7 @@ from jaxmocap.capture import Capture, Undistortion
 
 from ._footage import CONFIDENT, Footage
 
-_MOST_FRAMES = 2400  # that are read: of longer captures every so many
+_MOST_FRAMES = 2400  # that count: of longer captures every so many
 
 
 def known_lenses(capture: Capture, footage: Footage, file: Path | None) -> tuple[np.ndarray, np.ndarray]:
@@ -38,14 +38,12 @@ def write_static_job(
     file: Path,
 ) -> None:
     """Write `person.npz` of a capture as recorded. Raises `InputError` where two cameras have no keypoints."""
-    step = -(-capture.num_frames // _MOST_FRAMES)
-    frames = np.arange(0, capture.num_frames, step)
-    keypoints = np.zeros((capture.num_cameras, len(frames), 25, 3))
+    keypoints = np.zeros((capture.num_cameras, capture.num_frames, 25, 3))
     for camera in range(capture.num_cameras):
-        for row, frame in enumerate(frames):
-            person = capture.keypoints(camera, int(frame))
+        for frame in range(capture.num_frames):
+            person = capture.keypoints(camera, frame)
             if person is not None:
-                keypoints[camera, row] = person
+                keypoints[camera, frame] = person
     refuse_without_person(capture, keypoints)
     for camera in range(capture.num_cameras):
         matrix = matrices[camera]
@@ -56,19 +54,19 @@ def write_static_job(
                 keypoints[camera, at, :2] = lens.points(keypoints[camera, at, :2])
             middle = matrix[1, 2]
             keypoints[camera, at, 1] = middle + (keypoints[camera, at, 1] - middle) * matrix[0, 0] / matrix[1, 1]
-    own = capture.video_frames[:, frames]
     seconds = np.stack(
         [
             index.seconds[numbers] + offset
-            for index, numbers, offset in zip(capture.indices, own, capture.offsets, strict=True)
+            for index, numbers, offset in zip(capture.indices, capture.video_frames, capture.offsets, strict=True)
         ]
     )
     np.savez(
         file,
         keypoints=keypoints,
         seconds=seconds,
+        counted=np.arange(0, capture.num_frames, -(-capture.num_frames // _MOST_FRAMES)),
         frame=1 / capture.fps,
-        video_frames=own,
+        video_frames=capture.video_frames,
         intrinsics=matrices,
         distortion=distortion,
         bones=np.array(list(lengths), np.str_),

@@ -23,7 +23,8 @@ def reconstruct_static(footage: Footage, work: Path, report: Report) -> None:
     """
     with np.load(work / "person.npz", allow_pickle=False) as arrays:
         person = dict(arrays)
-    seen = person_keypoints(person["keypoints"], person["seconds"])
+    counted = person["counted"]  # of a long capture every so many, once neighbours have told how each moves
+    seen = person_keypoints(person["keypoints"], person["seconds"]).at(counted)
     matrices, distortion = person["intrinsics"], person["distortion"]
     focal, centre = matrices[:, 0, 0], matrices[:, :2, 2]
     told = [0.0 if v.focal_known else _TOLD_SIGMA if v.focal_told else _FOCAL_SIGMA for v in footage.videos]
@@ -36,7 +37,7 @@ def reconstruct_static(footage: Footage, work: Path, report: Report) -> None:
     matrices[:, 0, 0] *= stretch
     matrices[:, 1, 1] *= stretch
     _write_model(footage, found, matrices, distortion, work / "model")
-    _write_result(footage, found, matrices, distortion, person["video_frames"], work / "result.npz")
+    _write_result(footage, found, matrices, distortion, person["video_frames"][:, counted], work / "result.npz")
 
 
 def _write_result(

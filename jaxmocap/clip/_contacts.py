@@ -13,6 +13,9 @@ FOOT_POINTS = ("heel", "toe")
 GROUND = 5.0
 """Percentile of a point's heights that is the ground: a frame that was lost must not lower it."""
 
+LEVEL = 0.15
+"""Metres: a heel and a toe that stand differ by less in height."""
+
 HEIGHT = 0.025
 """Metres over the ground at which a contact begins (Zhang et al. 2018, as in `foot_skate`)."""
 
@@ -34,15 +37,18 @@ def find_contacts(
 ) -> list[Contact]:
     """Find where heels and toes stand, with hysteresis: a contact begins low and slow and ends higher or faster.
 
-    The ground is level and lies where a point is at its lowest; `up` is a unit vector. A person who hangs, or stands on
-    the hands, has feet that are neither low nor still for long, and no contact.
+    The ground is level and lies where a point is at its lowest, unless the lowest of the whole body is `LEVEL` lower: a
+    foot that is held up, or those of a person who stands on the hands, never come down. `up` is a unit vector.
     """
     found = []
+    lowest = np.percentile(places.astype(np.float64) @ up, GROUND, axis=0).min(initial=np.inf)
     for name in skeleton.landmark_names:
         if name.partition("_")[2] not in FOOT_POINTS or len(places) < 2:
             continue
         path = places[:, skeleton.landmark_names.index(name)].astype(np.float64)
         height = path @ up
+        if np.percentile(height, GROUND) > lowest + LEVEL:
+            continue
         height = height - np.percentile(height, GROUND)
         pace = np.linalg.norm(np.diff(path, axis=0), axis=1) / np.diff(timestamps)
         speed = np.minimum(np.append(pace, np.inf), np.insert(pace, 0, np.inf))  # a foot that lands stands from here on

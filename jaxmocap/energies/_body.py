@@ -133,10 +133,15 @@ def part_windows(
     return window_list(screen, drawn, frame.size, frame.depth_range[camera], part.layout, capacity, driver)
 
 
-def pixels_outside(places: Places, size: tuple[int, int]) -> Float[Array, ""]:
-    """Sum the area, in pixels, of the front faces whose centre lies outside a rectangle. `places` are their corners."""
+def pixels_outside(places: Places, size: tuple[int, int], room: Float[Array, "4"]) -> Float[Array, ""]:
+    """Sum the area, in pixels, of the front faces whose centre lies outside a rectangle but inside its picture.
+
+    `places` are their corners, `room` is where the picture lies (`FrameProblem.room`): beyond it nothing is known.
+    """
     (ax, bx, cx), (ay, by, cy) = places
     x, y, area = (ax + bx + cx) / 3, (ay + by + cy) / 3, 0.5 * doubled_area(places)
     outside = (x < -0.5) | (y < -0.5) | (x > size[1] - 0.5) | (y > size[0] - 0.5)
+    top, left, bottom, right = room - 0.5
+    outside &= (x >= left) & (y >= top) & (x <= right) & (y <= bottom)
     seen = jnp.maximum(jnp.maximum(ax, bx), cx) < BEHIND
     return jnp.where(outside & (area < 0) & seen, jnp.minimum(-area, 1e4), 0.0).sum()

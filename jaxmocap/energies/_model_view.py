@@ -31,9 +31,9 @@ class ModelView(AbstractTerm):
 
     `uncovered_scale` 1 is the printed equation; 2 makes both sides symmetric; more trusts the background more than the
     surface's colours, which pays where it is a clean plate. `outside` is the cost of a mesh pixel that leaves the
-    rectangle: 1 keeps a pose from hiding there, 0 is the printed equation. With `shading` "palette" psi_f is looked up
-    in a table of palette colours (`palette_error` says what that costs), with "exact" every covered pixel is compared
-    with the Gaussians of its face, which is much slower.
+    rectangle but not the picture: 1 keeps a pose from hiding there, 0 is the printed equation. With `shading` "palette"
+    psi_f is looked up in a table of palette colours (`palette_error` says what that costs), with "exact" every covered
+    pixel is compared with the Gaussians of its face, which is much slower.
     """
 
     weight: Knob = knob(1.0)
@@ -97,18 +97,18 @@ class ModelView(AbstractTerm):
         """Let each face pay its share of a pixel's covered cost; what is left pays the uncovered cost."""
         frame, faces = drawn.frame, drawn.character.faces.T
 
-        def view(view: tuple[SoftFaces, Array, Array, Array, Array]) -> Array:
-            own, screen, table, labels, background = view
+        def view(view: tuple[SoftFaces, Array, Array, Array, Array, Array]) -> Array:
+            own, screen, table, labels, background, room = view
             flat = jnp.maximum(own.face, 0) * table.shape[1] + labels.reshape(-1)[own.pixel][:, None]
             foreground = table.reshape(-1)[flat].astype(jnp.float32)
             behind = background.reshape(-1)
             uncovered = self._uncovered(behind)
             covered = covered_cost(foreground, behind[own.pixel][:, None], self.epsilon)
             gain = own.share * (covered - uncovered[own.pixel][:, None]) * own.live[:, None]
-            beyond = _area_outside(screen, faces, frame.size, drawn.settings.width)
+            beyond = _area_outside(screen, faces, frame.size, room, drawn.settings.width)
             return uncovered.sum() + gain.sum() + self.outside * beyond
 
-        views = (drawn.seen, drawn.screens, frame.surface.colour_distance, frame.labels, frame.background)
+        views = (drawn.seen, drawn.screens, frame.surface.colour_distance, frame.labels, frame.background, frame.room)
         return jax.lax.map(view, views).sum() / frame.area
 
 
@@ -118,11 +118,14 @@ def _clusters(problem: FrameProblem) -> Clusters:
     return problem.surface.clusters
 
 
-def _area_outside(screen: Array, faces: Array, size: tuple[int, int], width: Knob) -> Array:
-    """Pixels of front faces whose centre lies outside the rectangle, fading in over `width` pixels."""
+def _area_outside(screen: Array, faces: Array, size: tuple[int, int], room: Array, width: Knob) -> Array:
+    """Pixels of front faces whose centre lies outside the rectangle but inside the picture, fading in over `width`
+    pixels and out again before the picture's border."""
     x, y, inverse = screen[0][faces], screen[1][faces], screen[2][faces]
     area = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
     cx, cy = x.mean(0), y.mean(0)
     beyond = jnp.maximum(jnp.maximum(-0.5 - cx, cx - size[1] + 0.5), jnp.maximum(-0.5 - cy, cy - size[0] + 0.5))
-    share = jnp.clip(beyond / width, 0.0, 1.0)
+    top, left, bottom, right = room - 0.5
+    within = jnp.minimum(jnp.minimum(cx - left, right - cx), jnp.minimum(cy - top, bottom - cy))
+    share = jnp.clip(jnp.minimum(beyond, within) / width, 0.0, 1.0)
     return jnp.where((area < 0) & (inverse.min(0) > 0), jnp.minimum(-area, 1e4) * share, 0.0).sum()

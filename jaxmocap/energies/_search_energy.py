@@ -143,7 +143,7 @@ def _score(
     In a loop a particle is drawn into the buffers of the one before, after the rows that one touched are put back.
     """
     (num_cameras, height, width), size = base.buffers.shape, group.frame.size
-    skeleton, below = group.character.skeleton, base.buffers.reshape(-1, width, 1)
+    skeleton, below, room = group.character.skeleton, base.buffers.reshape(-1, width, 1), group.frame.room
 
     def one(before: _Canvas, particle: tuple[Pose, Array]) -> tuple[_Canvas, tuple[Array, Array]]:
         pose, posed = particle
@@ -156,7 +156,7 @@ def _score(
             keys = draw(keys, listed, group.layout, camera * height, driver)
             band = touched_rows(places, height)
             dirty = dirty_tiles(keys, below, size, band if driver == "loop" else None, camera * height)
-            return keys, (band, dirty, pixels_outside(places, size), listed.needed)
+            return keys, (band, dirty, pixels_outside(places, size, room[camera]), listed.needed)
 
         keys, (bands, dirty, outside, needed) = lax.scan(view, before.keys, (jnp.arange(num_cameras), before.bands))
         drawn = Drawn(pose, keys.reshape(base.buffers.shape), dirty, outside, driver)

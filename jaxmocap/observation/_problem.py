@@ -31,17 +31,18 @@ class Edges(eqx.Module):
 class FrameProblem(eqx.Module):
     """One frame: cameras, the rectangle of sec. 4.1 in every view, its colours and its distances to the background.
 
-    `origins` are row and column of each rectangle's first pixel in the full image. `labels` are palette indices,
-    `background` is psi_b of Eq. 3. `area` is M_1 of Eq. 6, the pixels of the tight rectangle: the
-    arrays may be larger, so that a sequence compiles once. `depth_range` bounds the inverse depths (1/metres) that
-    keys can tell apart. `keypoints` are x, y in pixels of the undistorted image and the confidence of a
-    detector's BODY_25 points, 0 where there is none; `keypoint_offsets` lead from the landmark that a point is to
-    where the detector sees it, metres in the rest frame of the body that carries it (`carriers`).
+    `origins` are row and column of each rectangle's first pixel in the full image, `pictures` its height and width.
+    `labels` are palette indices, `background` is psi_b of Eq. 3. `area` is M_1 of Eq. 6, the pixels of the tight
+    rectangle: the arrays may be larger, so that a sequence compiles once. `depth_range` bounds the inverse depths
+    (1/metres) that keys can tell apart. `keypoints` are x, y in pixels of the undistorted image and the confidence of a
+    detector's BODY_25 points, 0 where there is none; `keypoint_offsets` lead from the landmark that a point is to where
+    the detector sees it, metres in the rest frame of the body that carries it (`carriers`).
     """
 
     intrinsics: Float[Array, "camera 3 3"]
     cam_from_world: Float[Array, "camera 4 4"]
     origins: Int[Array, "camera 2"]
+    pictures: Float[Array, "camera 2"]
     image: Float[Array, "camera height width 3"]
     labels: Int[Array, "camera height width"]
     background: Float[Array, "camera height width"]
@@ -62,6 +63,11 @@ class FrameProblem(eqx.Module):
         return self.image.shape[1], self.image.shape[2]
 
     @property
+    def room(self) -> Float[Array, "camera 4"]:
+        """First row and column of each picture, and those behind its last ones, counted from the rectangle's first."""
+        return jnp.concatenate([-self.origins, self.pictures - self.origins], axis=1)
+
+    @property
     def projection(self) -> Float[Array, "camera 3 4"]:
         return projection_matrices(self.intrinsics, self.cam_from_world)
 
@@ -80,6 +86,7 @@ class FrameProblem(eqx.Module):
             intrinsics=jnp.matmul(scale, self.intrinsics, precision="highest"),
             cam_from_world=self.cam_from_world,
             origins=self.origins // step,
+            pictures=self.pictures / step,
             image=self.image[pick],
             labels=self.labels[pick],
             background=self.background[pick],
@@ -118,6 +125,7 @@ def build_problem(
         intrinsics=view.intrinsics,
         cam_from_world=view.cam_from_world,
         origins=jax.device_put(np.asarray(rectangle.origins, np.int32)),
+        pictures=jax.device_put(np.array([image.shape[:2] for image in images], np.float32)),
         image=jax.device_put(np.stack(crops).astype(np.float32) / 255),
         labels=jax.device_put(np.stack(labels).astype(np.int32)),
         background=jax.device_put(np.stack(background).astype(np.float32)),

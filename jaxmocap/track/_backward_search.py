@@ -7,7 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxmocap.character import Pose, Skeleton, landmark_positions, nearest_equivalent, with_limb
+from jaxmocap.character import (
+    Pose,
+    Skeleton,
+    landmark_positions,
+    nearest_equivalent,
+    rewritten_increments,
+    with_limb,
+)
 from jaxmocap.motion import after
 from jaxmocap.refinement import Refinement
 from jaxmocap.search import BodySearch
@@ -94,7 +101,9 @@ def _refined(
         if position - 1 in better:
             before = tracked[position - 1]
             history = after(skeleton, before.history, before.frame.timestamp, better[position - 1], "same")
-        history = history._replace(pose=nearest_equivalent(skeleton, history.pose, answer))
+        near = nearest_equivalent(skeleton, history.pose, answer)
+        increments = rewritten_increments(skeleton, history.pose, near, history.increments)
+        history = history._replace(pose=near, increments=tuple(increments))
     return refinement(tracked[position].frame, answer, history)[0]
 
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 import jaxmocap as jm
 from jaxmocap._cli import run
 from jaxmocap._results import InputError
+from jaxmocap.calibration import _worker
 from jaxmocap.character import landmark_positions
 from jaxmocap.geometry import align_cameras, camera_residuals
 from jaxmocap.motion import Motion, cameras_at
@@ -112,6 +113,17 @@ def errors(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:
     found, true = (np.asarray(poses, float).reshape(-1, 4, 4) for poses in (found, true))
     centres, angles = camera_residuals(align_cameras(found, true), found, true)
     return float(centres.mean()), float(np.degrees(angles.mean()))
+
+
+def test_of_very_many_sightings_some_are_taken_of_every_image(film, tmp_path, monkeypatch):
+    """Images left out would keep their old poses between the refined ones."""
+    monkeypatch.setattr(_worker, "_MOST_SIGHTINGS", 2000)
+    (tmp_path / "model.json").write_text(json.dumps(str(film / "cameras")))
+    _worker.extract_tracks(tmp_path)
+    with np.load(tmp_path / "tracks.npz") as tracks:
+        assert len(tracks["names"]) == 2 * COUNT
+        assert 1000 < len(tracks["pose_of"]) < 2200
+        assert set(tracks["pose_of"].tolist()) == set(range(2 * COUNT))
 
 
 @pytest.mark.slow

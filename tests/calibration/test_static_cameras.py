@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from walking_person import Walk, detected, filmed_walk, walking
 
 from jaxmocap._cli import run
 from jaxmocap._results import InputError
+from jaxmocap.calibration import _static_job
 from jaxmocap.calibration._footage import VideoFootage
 from jaxmocap.calibration._person_adjustment import Beliefs, Noise, PersonProblem, Rig
 from jaxmocap.calibration._person_scene import believed_lengths, person_keypoints
@@ -37,6 +39,23 @@ def turned(walk: Walk, rig: StaticRig, camera: int) -> tuple[float, float]:
     a, b = centres_of(true), centres_of(have)
     between = np.degrees(np.arccos(a @ b / np.linalg.norm(a) / np.linalg.norm(b)))
     return float(np.degrees(Rotation.from_matrix(true[:3, :3] @ have[:3, :3].T).magnitude())), float(between)
+
+
+def test_of_a_long_capture_every_few_frames_count_but_all_are_read(tmp_path, monkeypatch):
+    """Jumps and velocities are told by neighbours, which frames far apart are not."""
+    monkeypatch.setattr(_static_job, "_MOST_FRAMES", 10)
+    walk, names = filmed_walk(1, count=60), ("left", "right")
+    frames = np.tile(np.arange(60), (2, 1))
+    capture = SimpleNamespace(
+        name="long", folder=tmp_path, keypoints_folder=tmp_path, num_frames=60, num_cameras=2, camera_names=names,
+        keypoints=lambda camera, frame: walk.keypoints[camera, frame], video_frames=frames, offsets=(0.0, 0.0),
+        indices=[SimpleNamespace(seconds=seconds) for seconds in walk.seconds], sizes=(walk.size,) * 2, fps=30.0,
+    )  # fmt: skip
+    matrices = np.tile(np.eye(3), (2, 1, 1))
+    _static_job.write_static_job(capture, matrices, np.zeros((2, 5)), {}, tmp_path / "person.npz")
+    with np.load(tmp_path / "person.npz") as job:
+        assert job["keypoints"].shape[1] == job["seconds"].shape[1] == job["video_frames"].shape[1] == 60
+        assert job["counted"].tolist() == list(range(0, 60, 6))
 
 
 def test_two_cameras_with_unknown_lenses():

@@ -136,6 +136,17 @@ def test_feet_in_the_air_do_not_stand(skeleton):
         assert vectors[contact.first : contact.last + 1, 1].max() < 0.06, contact
 
 
+def test_a_foot_that_is_held_up_does_not_stand(skeleton):
+    time, vectors = swinging(skeleton)
+    vectors[:] = vectors[:1]
+    places = places_of(skeleton, poses_of(skeleton, vectors))
+    assert {name[0] for name, _, _ in find_contacts(places, time, skeleton, UP)} == {"l", "r"}
+    right = [skeleton.landmark_names.index(name) for name in ("r_heel", "r_toe")]
+    places[:, right] += 0.3 * UP
+    assert {name[0] for name, _, _ in find_contacts(places, time, skeleton, UP)} == {"l"}
+    assert find_contacts(places * [1, -1, 1], time, skeleton, UP) == []  # head down
+
+
 def test_joint_limits_hold(skeleton):
     time, vectors = swinging(skeleton)
     found = noisy(skeleton, vectors, 3)

@@ -9,6 +9,7 @@ from scoring import FRAME, energy_of, score, score_in
 
 from jaxmocap.character import landmark_positions, retract, skin
 from jaxmocap.energies import SearchEnergy, ViewView, body_part, search_energy
+from jaxmocap.energies._body import pixels_outside
 from jaxmocap.observation import Rectangle, build_problem, surface_of
 from jaxmocap.synthetic import make_capture
 
@@ -79,6 +80,14 @@ def test_views_agree_better_at_twice_the_resolution():
     energy = SearchEnergy((ViewView(fail="ignore", outside="ignore"),))
     scores, _ = score_in(energy, character, part, pose, problem, jnp.zeros((1, 39)))
     assert 0 < float(scores.terms[0, 0]) / 2 < 0.05
+
+
+def test_what_leaves_the_rectangle_costs_and_what_leaves_the_picture_does_not():
+    """Four faces of two pixels: in the rectangle, beyond it to the right and above, and below the picture."""
+    x, y = jnp.array([5.0, 30.0, 5.0, 5.0]), jnp.array([5.0, 5.0, -8.0, 22.0])
+    places = (x, x, x + 2), (y, y + 2, y)
+    for room, area in (((-10.0, 0.0, 20.0, 40.0), 4.0), ((0.0, 0.0, 20.0, 20.0), 0.0)):
+        assert float(pixels_outside(places, (20, 20), jnp.array(room))) == area
 
 
 @pytest.fixture(scope="module")
