@@ -1,8 +1,8 @@
 """The keypoint files that `detect` keeps in a capture, and its record of how they were made."""
 
-import glob
 import json
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,8 +75,9 @@ class KeypointStore:
     def _drop_silhouettes(self, name: str, found: FollowedPerson) -> None:
         """Delete those of pictures in which this person was not found: they are of another, who was followed before."""
         shown = {mask_file(self.folder / SILHOUETTES, name, int(frame)) for frame in found.frames[found.found]}
-        for file in (self.folder / SILHOUETTES).glob(f"{glob.escape(name)}_[0-9]*.png"):
-            if file not in shown:
+        ours = re.compile(re.escape(name) + r"_\d{5,}\.png")  # not those of a camera whose name begins like this one's
+        for file in (self.folder / SILHOUETTES).glob("*.png"):
+            if ours.fullmatch(file.name) and file not in shown:
                 file.unlink()
 
     def _known(self, name: str, inputs: dict[str, Any]) -> dict[str, Any] | None:

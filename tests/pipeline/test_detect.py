@@ -117,10 +117,12 @@ def test_frames_are_added_and_another_person_or_replace_begins_anew(marked, foll
     assert not (marked / "keypoints" / "left.json").exists()
     found = detect(marked, frames=(2, 5), cameras=["right"])
     assert found.people["right"].frames.tolist() == [0, 1, 2, 3, 4]
+    silhouettes = marked / "keypoints" / "silhouettes"
+    (silhouettes / "right_2_00000.png").write_bytes((silhouettes / "right_00000.png").read_bytes())
     found = detect(marked, frames=(6, 8), cameras=["right"], person={"right": (210, 130)})
     assert found.people["right"].frames.tolist() == [6, 7]
-    kept = sorted(file.name for file in (marked / "keypoints" / "silhouettes").iterdir())
-    assert kept == ["right_00006.png", "right_00007.png"]  # not those of the person who was followed before
+    kept = sorted(file.name for file in silhouettes.iterdir())
+    assert kept == ["right_00006.png", "right_00007.png", "right_2_00000.png"]  # not those of who was followed before
     found = detect(marked, frames=(0, 2), cameras=["right"], person={"right": (210, 130)}, replace=True)
     assert found.people["right"].frames.tolist() == [0, 1]
     assert followed == [(0, 1, 2), (2, 3, 4), (6, 7), (0, 1)]
