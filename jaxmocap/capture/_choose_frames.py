@@ -46,7 +46,7 @@ def choose_frames(
     greedily, which is within 1 - 1/e of the best; Nemhauser et al. 1978). Near means: joints about the trunk in its own
     axes, and the directions in which the cameras lie from it. Without good frames, the one that shows most points in
     two views; without any, the first. The same capture gives the same frames. With one camera joints are compared as
-    they look in its image. Only frames `within` (first, end) are looked at.
+    they look in its image. Only frames `within` (first, end) are looked at and chosen.
     """
     if count < 1:
         raise ValueError(f"count is {count}; at least one frame must be chosen")
@@ -79,7 +79,7 @@ def choose_frames(
     best = max(shared, key=lambda frame: (seen[frame], -frame), default=None)
     if best is not None and seen[best] >= _PLACEABLE:
         return ChosenFrames((best,), f"it shows the most keypoints in {views}, {seen[best]} of {len(_POINTS)}")
-    return ChosenFrames((0,), f"no frame has three keypoints in {views}, so the first was taken")
+    return ChosenFrames((within[0],), f"no frame has three keypoints in {views}, so the first was taken")
 
 
 def _frames_in_two_views(capture: Capture) -> list[int]:

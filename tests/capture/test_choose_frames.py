@@ -84,6 +84,7 @@ def test_few_keypoints_are_used_as_they_are_and_none_means_the_first_frame(folde
     nothing = choose_frames(empty, empty.cameras)
     assert nothing.frames == (0,)
     assert "no frame has three keypoints" in nothing.reason
+    assert choose_frames(empty, empty.cameras, within=(4, 8)).frames == (4,)
     capture = filmed(folder, {5: person(UP), 25: person(CROUCHED)})
     assert frames_of(capture) == (5, 25)
     assert frames_of(capture, 1) == (5,)
