@@ -12,4 +12,9 @@ from ._atomic import (
     write_json as write_json,
     write_text as write_text,
 )
-from ._folder import check_output as check_output, claim_output as claim_output, free_name as free_name
+from ._folder import (
+    check_output as check_output,
+    claim_output as claim_output,
+    free_name as free_name,
+    is_clutter as is_clutter,
+)

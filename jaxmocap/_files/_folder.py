@@ -2,15 +2,22 @@
 
 import contextlib
 import os
+import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from jaxmocap._results import InputError
 
 _MOTION = "motion.npz"
 _STAGING = ".partial-"
+_CLUTTER = re.compile(r"\.DS_Store|\._.*|Thumbs\.db|desktop\.ini|\..*\.partial\..*", re.IGNORECASE)
+
+
+def is_clutter(name: str) -> bool:
+    """Tell whether nobody put a file of this name there: a file manager did, or we are about to rename it."""
+    return _CLUTTER.fullmatch(name) is not None
 
 
 @contextlib.contextmanager
@@ -20,7 +27,8 @@ def claim_output(
     """Claim `path` for the result of one run; yields a staging folder inside it to write every file into.
 
     When the block ends well, the files move to `path`, `motion.npz` last, so that a `motion.npz` says that the result
-    is whole. When it raises, the staging folder is deleted, and `path` too if it was created here and is empty.
+    is whole; what came to `path` meanwhile is refused only where a file would replace it. When it raises, the staging
+    folder is deleted, and `path` too if it was created here and is empty.
 
     Raises `InputError` if `path` is a file, holds the result of another run, or holds files that no run of ours wrote.
     `overwrite=True` replaces an earlier result, never foreign files. `keep` names files that may lie in `path` already,
@@ -38,7 +46,8 @@ def claim_output(
         ) from error
     try:
         yield staging
-        check_output(path, overwrite=overwrite, keep=keep)
+        names = os.listdir(staging) if staging.is_dir() else ()  # another run that ended here deletes it
+        check_output(path, overwrite=overwrite, keep=keep, names=names)
         _publish(staging, path)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -47,17 +56,24 @@ def claim_output(
                 path.rmdir()
 
 
-def check_output(path: Path, *, overwrite: bool = False, keep: tuple[str, ...] = ()) -> None:
-    """Raise the `InputError` that `claim_output` would raise for a folder that is taken."""
+def check_output(
+    path: Path, *, overwrite: bool = False, keep: tuple[str, ...] = (), names: Collection[str] | None = None
+) -> None:
+    """Raise the `InputError` that `claim_output` would raise for a folder that is taken.
+
+    Foreign files that file managers leave are let be; where `names` is given, all that are called otherwise.
+    """
     if not path.exists():
         return
     if not path.is_dir():
         raise InputError(f"The output {path} is a file; a folder was expected, choose another with --out.")
-    names = sorted(entry.name for entry in path.iterdir())
-    is_result = _MOTION in names
+    found = sorted(entry.name for entry in path.iterdir() if not is_clutter(entry.name))
+    is_result = _MOTION in found
     if is_result and not overwrite:
         raise InputError(f"The folder {path} already holds the result of another run; choose another, or delete it.")
-    foreign = [name for name in names if name not in keep and not name.startswith(_STAGING)]
+    foreign = [name for name in found if name not in keep and not name.startswith(_STAGING)]
+    if names is not None:
+        foreign = [name for name in foreign if name in names]
     if foreign and not is_result:
         raise InputError(
             f"The output folder {path} holds files that are not a result ({foreign[0]} and {len(foreign) - 1} more); "

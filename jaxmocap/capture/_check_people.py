@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxmocap._files import is_clutter
 from jaxmocap._results import InputError
 from jaxmocap.detection import VideoKeypoints, best_person, read_people, read_video
 
@@ -59,7 +60,9 @@ def check_keypoints(capture: Capture) -> Iterator[Finding]:
         yield from _check_files(capture, index, source, files, video)
     more = ", or one that a detector gives, and one file for a frame"
     for path in sorted(folder.iterdir()):
-        if path not in used and (path.suffix == ".json" or (path.is_dir() and any(path.glob("*.json")))):
+        if path in used or is_clutter(path.name):
+            continue
+        if path.suffix == ".json" or (path.is_dir() and any(path.glob("*.json"))):
             yield _stray(capture, path, "_keypoints.json", more)
 
 
@@ -146,6 +149,8 @@ def check_masks(capture: Capture) -> Iterator[Finding]:
     if folder is None or not folder.is_dir():
         return
     for file in sorted(folder.glob("*.png")):
+        if is_clutter(file.name):
+            continue
         match = re.fullmatch(r"(.+)_(\d{5,})\.png", file.name)
         if match is None or match[1] not in capture.camera_names or len(match[2]) > max(5, len(str(int(match[2])))):
             yield _stray(capture, file, ".png")

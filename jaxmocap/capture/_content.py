@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxmocap._cache import digest
+from jaxmocap._files import is_clutter
 
 from ._capture import Capture
 from ._picture_steps import mask_file
@@ -41,11 +42,12 @@ def content_hash(capture: Capture) -> str:
 
 
 def path_hash(path: Path) -> str:
-    """Hash a file's content, or all files of a folder and the folders in it, by name."""
+    """Hash a file's content, or all files of a folder and the folders in it, by name; not what file managers leave."""
     found = hashlib.blake2b(digest_size=16)
     for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-        if file.is_file():
-            _add(found, file.relative_to(path).as_posix(), file)
+        name = file.relative_to(path)
+        if file.is_file() and not any(map(is_clutter, name.parts)):
+            _add(found, name.as_posix(), file)
     return found.hexdigest()
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from jaxmocap._files import write_text
+from jaxmocap._files import is_clutter, write_text
 
 from ._layouts import LayoutName
 from ._read import People, Size, people_at, read_people
@@ -104,7 +104,7 @@ def _kept_listing(folder: Path, changed: int) -> dict[int, Path]:
     """List a folder once; `changed` (nanoseconds) tells that files came or went."""
     found: dict[int, Path] = {}
     for file in sorted(folder.iterdir()):
-        if (name := _INSIDE.fullmatch(file.name)) and file.is_file():
+        if (name := _INSIDE.fullmatch(file.name)) and file.is_file() and not is_clutter(file.name):
             found.setdefault(int(name[1]), file)
     return found
 

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jaxmocap._files import write_csv, write_json, write_text
+from jaxmocap._files import is_clutter, write_csv, write_json, write_text
 from jaxmocap._results import InputError
 from jaxmocap._types import Quality
 
@@ -110,7 +110,7 @@ def _refuse_folder(out: Path, names: Sequence[str]) -> None:
         )
     if out.exists() and not out.is_dir():
         raise InputError(f"the output {out} is a file; a folder was expected, choose another with --out.")
-    if out.is_dir() and not (out / RECORD).is_file() and any(out.iterdir()):
+    if out.is_dir() and not (out / RECORD).is_file() and not all(is_clutter(entry.name) for entry in out.iterdir()):
         raise InputError(f"{out} holds files that no batch wrote; choose a new or an empty folder with --out.")
 
 

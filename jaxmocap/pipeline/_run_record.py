@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxmocap._cache import digest
-from jaxmocap._files import plain, write_json
+from jaxmocap._files import is_clutter, plain, write_json
 from jaxmocap._results import InputError
 
 RECORD = "run.json"
@@ -27,7 +27,7 @@ class RunRecord:
         if not out.is_dir():
             raise InputError(f"{out} is a file; a folder for the run was expected, choose another with --out")
         if not self._file.is_file():
-            if any(out.iterdir()):
+            if not all(is_clutter(entry.name) for entry in out.iterdir()):
                 raise InputError(f"{out} holds files that no run wrote; choose a new or an empty folder with --out")
             return
         try:

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from jaxmocap._files import is_clutter
 from jaxmocap._results import InputError
 from jaxmocap.calibration import PHONE_FOCAL, calibrate_pictures
 from jaxmocap.camera import Cameras, look_at_point, read_picture_cameras, world_from_upright
@@ -127,7 +128,7 @@ def _pictures(folder: Path) -> list[Path]:
         raise InputError(
             f"{folder} does not exist; give a video, or the folder of the pictures ({', '.join(PICTURES)})."
         )
-    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in PICTURES)
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in PICTURES and not is_clutter(file.name))
     if not files:
         raise InputError(f"{folder} holds no pictures ({', '.join(PICTURES)}).")
     stems = [file.stem for file in files]

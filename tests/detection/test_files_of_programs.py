@@ -199,6 +199,17 @@ def test_a_changed_file_is_read_again_and_changes_both_hashes(filmed: Path, prog
     assert path_hash(filmed / "keypoints") != before[2]
 
 
+def test_what_file_managers_leave_is_no_keypoints(filmed: Path):
+    PROGRAMS["Pose2Sim"][1](filmed / "keypoints")
+    capture = Capture.open(filmed)
+    before = capture.keypoints(0, 6), content_hash(capture), path_hash(filmed / "keypoints")
+    folder = next(file for file in (filmed / "keypoints").rglob("*film_cam0*000006*.json")).parent
+    for name in (".DS_Store", "Thumbs.db", "desktop.ini", ".1f.partial.film.json", "._film_cam0_000006.json"):
+        (folder / name).write_bytes(b"\0")
+    np.testing.assert_array_equal(capture.keypoints(0, 6), before[0])
+    assert (content_hash(capture), path_hash(filmed / "keypoints")) == before[1:]
+
+
 def test_the_video_s_name_counts_only_where_it_is_one_camera_s(small: Path):
     """cam0's video is called cam1.mp4 and the other way round."""
     text = (small / "capture.toml").read_text()

@@ -233,6 +233,21 @@ def test_results_files_and_foreign_folders_are_refused_before_any_work(saved, mo
     assert os.listdir(tmp_path / "thesis") == ["chapter.tex"]
 
 
+def test_what_file_managers_leave_and_what_nothing_replaces_is_in_nobody_s_way(motion, tmp_path):
+    (tmp_path / ".DS_Store").write_text("1")
+    with claim_output(tmp_path) as staging:
+        motion.save(staging)
+        (tmp_path / "notes.txt").write_text("mine")
+    assert sorted(os.listdir(tmp_path)) == [".DS_Store", "motion.npz", "notes.txt", "report.json"]
+    out = tmp_path / "other"
+    claim = claim_output(out)
+    motion.save(claim.__enter__())
+    (out / "report.json").write_text("mine")
+    with pytest.raises(InputError, match=r"not a result \(report\.json"):
+        claim.__exit__(None, None, None)
+    assert (out / "report.json").read_text() == "mine"
+
+
 def test_overwriting_replaces_the_result_and_a_failure_keeps_it(saved, motion):
     before = (saved / "motion.npz").read_bytes()
     with pytest.raises(KeyboardInterrupt):

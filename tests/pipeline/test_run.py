@@ -506,6 +506,8 @@ def test_folders_of_others_and_of_other_videos_are_left_alone(videos, done, tmp_
         run(videos, foreign, height=1.8)
     assert [path.name for path in foreign.iterdir()] == ["thesis.txt"]
     out = tmp_path / "dance"
+    out.mkdir()
+    (out / ".DS_Store").write_text("a file manager's")
     again(videos, out)
     with pytest.raises(InputError, match="holds a run of other videos"):
         run(videos[:1], out, height=1.8)
