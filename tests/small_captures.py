@@ -49,8 +49,12 @@ def make_video(
     black: Sequence[int] = (),
     fps: int = 30,
     codec: str = "libx264",
+    display: Sequence[int] | None = None,
 ) -> Path:
-    """An H.264 video with B-frames and few key frames, at 30 frames per second or at the given times."""
+    """An H.264 video with B-frames and few key frames, at 30 frames per second or at the given times.
+
+    `display` moves columns and rows: (column', row') = (column, row) @ [[a, b], [c, d]].
+    """
     with av.open(str(path), "w") as container:
         stream = container.add_stream(
             codec, rate=fps, options={"crf": "12", "g": "8", "bf": "2"} if codec == "libx264" else {}
@@ -60,6 +64,9 @@ def make_video(
         stream.codec_context.time_base = stream.time_base = unit
         if rotation:
             stream.set_display_rotation(rotation)
+        if display is not None:
+            a, b, c, d = (value << 16 for value in display)
+            stream.set_display_matrix([a, b, 0, c, d, 0, 0, 0, 1 << 30])
         times = [round(1000 * i / fps) for i in range(count)] if milliseconds is None else milliseconds
         for index, time in enumerate(times):
             image = picture(first + index, size) * (index not in black)

@@ -8,6 +8,7 @@ from pathlib import Path
 import av
 import av.container
 import numpy as np
+from av.sidedata.sidedata import Type as SideDataType
 from jaxtyping import Float64, Int64, UInt8
 
 from jaxmocap._results import InputError
@@ -25,6 +26,7 @@ class VideoIndex:
         pts: sorted presentation timestamps, units of the stream's time base.
         seconds: the same since the first frame.
         quarter_turns: counter-clockwise, which bring a stored picture upright.
+        mirrored: whether it is flipped left to right before it is turned, as those of front cameras may be.
     """
 
     path: Path
@@ -32,6 +34,7 @@ class VideoIndex:
     pts: Int64[np.ndarray, " frame"]
     seconds: Float64[np.ndarray, " frame"]
     quarter_turns: int
+    mirrored: bool = False
 
     @property
     def num_frames(self) -> int:
@@ -41,6 +44,10 @@ class VideoIndex:
     def interval(self) -> float:
         """Median time between frames, seconds (0 for a single frame)."""
         return float(np.median(np.diff(self.seconds))) if self.num_frames > 1 else 0.0
+
+    def upright(self, stored: UInt8[np.ndarray, "height width *rgb"]) -> UInt8[np.ndarray, "rows columns *rgb"]:
+        """Flip and turn a stored picture as players show it."""
+        return np.rot90(stored[:, ::-1] if self.mirrored else stored, self.quarter_turns)
 
 
 def _open(path: Path, **options: str) -> tuple[av.container.InputContainer, av.VideoStream]:
@@ -93,12 +100,15 @@ def index_video(path: Path) -> VideoIndex:
         raise InputError(f"video {path} does not tell when each of its frames is shown; convert it to MP4 first")
     values = np.unique(np.asarray(pts, np.int64))
     values = values[values >= first.pts]
-    turns = round(first.rotation / 90) % 4
+    matrix = first.side_data.get(SideDataType.DISPLAYMATRIX)
+    a, b, _, c, d = (1, 0, 0, 0, 1) if matrix is None else np.frombuffer(matrix, np.int32)[:5].astype(float)
+    mirrored = bool(a * d - b * c < 0)
+    turns = (round(first.rotation / 90) + 2 * mirrored) % 4  # the rotation tells where the flipped axis goes
     if abs(first.rotation - 90 * round(first.rotation / 90)) > 1:
         raise InputError(f"video {path} is turned by {first.rotation} degrees; only multiples of 90 are supported")
     size = (first.height, first.width) if turns % 2 else (first.width, first.height)
     seconds = (values - values[0]) * float(time_base)
-    return VideoIndex(path, size, values, seconds, turns)
+    return VideoIndex(path, size, values, seconds, turns, mirrored)
 
 
 def _count_stored(path: Path) -> int:
@@ -169,8 +179,7 @@ class FrameReader:
                 f"video {self._index.path} frame {frame} cannot be decoded; the file is damaged or was cut off: "
                 "copy it again, or shorten the capture"
             )
-        image = self._current.to_ndarray(format="rgb24")
-        return np.ascontiguousarray(np.rot90(image, self._index.quarter_turns)) if self._index.quarter_turns else image
+        return np.ascontiguousarray(self._index.upright(self._current.to_ndarray(format="rgb24")))
 
     @property
     def corrupt(self) -> bool:

@@ -56,6 +56,26 @@ def test_rotation_in_the_metadata_is_applied_to_pictures_and_size(tmp_path: Path
     reader.close()
 
 
+@pytest.mark.parametrize(
+    ("display", "shown"),
+    [
+        ((-1, 0, 0, 1), np.fliplr),
+        ((1, 0, 0, -1), np.flipud),
+        ((0, 1, 1, 0), lambda stored: stored.swapaxes(0, 1)),
+        ((0, -1, -1, 0), lambda stored: np.rot90(stored, 2).swapaxes(0, 1)),
+    ],
+)
+def test_a_mirror_in_the_metadata_is_applied_too(tmp_path: Path, display: tuple[int, ...], shown):
+    index = index_video(make_video(tmp_path / "a.mp4", 3, display=display))
+    expected = shown(picture(2))
+    assert index.size == expected.shape[1::-1]
+    reader = FrameReader(index)
+    assert np.abs(reader.read(2).astype(int) - expected).mean() < 6
+    reader.close()
+    _, stored = list(luma_frames(index))[2]
+    assert np.abs(index.upright(stored).astype(int) - expected.mean(-1)).mean() < 20
+
+
 def test_brightness_is_read_in_one_pass_as_it_is_stored(tmp_path: Path):
     index = index_video(make_video(tmp_path / "a.mp4", 9, milliseconds=range(0, 270, 30), rotation=90, first=5))
     frames = list(luma_frames(index))

@@ -60,7 +60,7 @@ def measure_motion(
     width, height = (max(round(side * scale), 16) for side in index.size)
     seconds, values, last = [], [], None
     for frame, luma in luma_frames(index):
-        upright = np.rot90(luma, index.quarter_turns)
+        upright = index.upright(luma)
         small = cv2.resize(np.ascontiguousarray(upright), (width, height), interpolation=cv2.INTER_AREA)
         if last is not None and frame > last[0]:
             step = float(index.seconds[frame] - index.seconds[last[0]])
