@@ -34,7 +34,8 @@ def place(second: float) -> tuple[float, float]:
 @dataclass(frozen=True)
 class Film:
     """How a film is made. `times` are the frames' own times, `readout` the share of 1 / 30 s in which the lines are
-    read from top to bottom; `shake` moves the camera, `sound` is "noise", "other", "silence", "beeps" or None."""
+    read from top to bottom; `shake` moves the camera; the first `black` frames are black, and the next `fade` ones ever
+    less dark; `sound` is "noise", "other", "silence", "beeps" or None."""
 
     start: float = 0.0
     times: tuple[float, ...] = tuple(i / 30 for i in range(75))
@@ -42,6 +43,8 @@ class Film:
     readout: float = 0.75
     shake: float = 0.0
     light: float = 1.0
+    black: int = 0
+    fade: int = 0
     moves: bool = True
     backwards: bool = False
     sound: str | None = None
@@ -96,10 +99,9 @@ def make_film(path: Path, film: Film) -> Path:
         if film.sound is not None:
             track = container.add_stream("aac" if path.suffix == ".mp4" else "pcm_s16le", rate=film.sound_rate)
             track.layout = film.channels
-        for own in film.times:
-            frame = av.VideoFrame.from_ndarray(picture(film, own).astype(np.uint8), format="gray").reformat(
-                format="yuv420p"
-            )
+        for number, own in enumerate(film.times):
+            shown = np.clip((number - film.black + 1) / (film.fade + 1), 0, 1) * picture(film, own)
+            frame = av.VideoFrame.from_ndarray(shown.astype(np.uint8), format="gray").reformat(format="yuv420p")
             frame.pts, frame.time_base = round(own * 90_000), Fraction(1, 90_000)
             container.mux(pictures.encode(frame))
         container.mux(pictures.encode())

@@ -65,6 +65,21 @@ def test_a_flash_that_may_have_begun_before_the_video_is_none(tmp_path, start, c
     assert [flash.seconds for flash in found] == [pytest.approx(0.511 - start, abs=0.005)] * count
 
 
+@pytest.mark.parametrize("beginning", [{"black": 3}, {"fade": 12}, {"black": 3, "fade": 12}])
+@pytest.mark.parametrize("flashes", [(), (1.013,)])
+def test_a_black_or_faded_beginning_is_no_flash(tmp_path, beginning, flashes):
+    (video,) = films_of(tmp_path, Film(times=rate(45, 30), flashes=flashes, **beginning))
+    found = find_flashes(measure_brightness(video))
+    assert [flash.seconds for flash in found] == [pytest.approx(moment, abs=0.005) for moment in flashes]
+
+
+def test_a_picture_that_stays_brighter_is_no_flash(tmp_path):
+    (video,) = films_of(tmp_path, Film(times=rate(45, 30)))
+    brightness = measure_brightness(video)
+    brightness.cells[20:] += 60
+    assert find_flashes(brightness) == []
+
+
 @pytest.mark.parametrize("rotation", [90, 180])
 def test_the_lines_of_a_turned_video_are_followed_too(tmp_path, rotation):
     film = Film(times=SHORT, flashes=(0.512,), rotation=rotation)

@@ -22,6 +22,7 @@ _STILL = 1.5  # of 255; codecs make noise
 _LIT = 0.5  # share of the cells
 _APART = 4  # frames
 _MOST = 30  # flashes; more are a strobe, in which none can be told from the next
+_MOMENT = 3.0  # seconds; what stays bright for longer is another picture or exposure
 _EDGE = 0.03  # share of the lines; a smaller band is noise
 READOUT = 0.75
 """Time in which a rolling shutter reads the picture, as a share of the time between frames: phones take half to all."""
@@ -56,6 +57,15 @@ class Brightness:
         free: Bool[np.ndarray, "frame cell"] = before < _SATURATED
         share = (brighter & free).sum(axis=1) / np.maximum(free.sum(axis=1), 1)
         return np.where(free.mean(axis=1) > 0.25, share, 0.0)
+
+    def passes(self, frame: int) -> bool:
+        """Tell a light that comes in `frame` and goes again from a black beginning's end, a fade and another scene."""
+        mean, seconds = self.cells.mean(axis=1), self.index.seconds
+        if mean[:frame].max(initial=0.0) < _BLACK:
+            return False
+        end = np.searchsorted(seconds, seconds[frame] + _MOMENT, side="right")
+        gained = mean[frame:end] - np.median(mean[max(frame - _BEFORE, 0) : frame])
+        return bool(gained[np.argmax(gained) :].min() < 0.5 * gained.max())
 
 
 def measure_brightness(index: VideoIndex, progress: Callable[[float], None] | None = None) -> Brightness:
@@ -92,7 +102,7 @@ class Flash:
 
 
 def find_flashes(brightness: Brightness) -> list[Flash]:
-    """Find every moment at which more than half of the picture is suddenly brighter, in order of time.
+    """Find every moment at which more than half of the picture is suddenly brighter for a short time, in order of time.
 
     One that may have begun in the first frame, or before it, is left out.
     """
@@ -100,7 +110,7 @@ def find_flashes(brightness: Brightness) -> list[Flash]:
     found: list[Flash] = []
     last = -_APART
     for frame in np.flatnonzero(jumps >= _LIT):
-        if frame - last >= _APART:
+        if frame - last >= _APART and brightness.passes(int(frame)):
             share = float(jumps[frame : frame + 2].max())
             flash = _locate(brightness.index, int(frame), share)
             if flash.frame > 1 or flash.line > _EDGE:
