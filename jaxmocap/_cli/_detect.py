@@ -40,7 +40,8 @@ def detect(
         tuple[str, ...],
         tyro.conf.arg(
             metavar="CAMERA=X,Y ...",
-            help="A pixel on the person in the first picture of a camera, such as cam0=430,250.",
+            help="Pixel on the person in the first picture that all videos share (with --frames: the first of these), "
+            "such as cam0=430,250.",
             help_behavior_hint="(default: the largest person)",
         ),
     ] = (),

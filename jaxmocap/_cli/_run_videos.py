@@ -80,7 +80,7 @@ def run_videos(
         tuple[str, ...],
         tyro.conf.arg(
             metavar="CAMERA=X,Y ...",
-            help="Pixel on the person in the first picture, where several are seen.",
+            help="Pixel on the person in the first picture that all videos share, where several are seen.",
             help_behavior_hint="(default: the largest)",
         ),
     ] = (),

@@ -68,8 +68,9 @@ def detect(
 
     `model` is "heavy" or "full", by default the better of those that can be had; `weights` a folder, package or bundle
     with its networks, for a machine without a network. The person followed in each video is the largest, or the one at
-    the pixel `person[camera]` of the first picture. A point that jumps away for a single picture gets confidence 0;
-    and, where the capture has cameras, one that no other view agrees with. `say` takes sentences on what was chosen.
+    the pixel `person[camera]` of the first picture that all videos share, or the first of `frames`. A point that jumps
+    away for a single picture gets confidence 0; and, where the capture has cameras, one that no other view agrees with.
+    `say` takes sentences on what was chosen.
 
     Raises `InputError` where weights or runner cannot be had, where a camera is not one of the capture's, and where
     nobody is found in a video; what other videos showed is kept.
@@ -126,7 +127,7 @@ def _points(
         if not (0 <= x < width and 0 <= y < height):
             raise InputError(
                 f"person is at ({x:g}, {y:g}) of {name}, outside its pictures of {width} x {height} pixels; give a "
-                "pixel on the person in the first picture"
+                "pixel on the person in the first picture that all videos share"
             )
     return {name: (float(x), float(y)) for name, (x, y) in person.items() if name in chosen}
 
@@ -179,6 +180,8 @@ def _follow(
     own = _own_frames(capture, name, span)
     index = capture.indices[capture.camera_names.index(name)]
     model = models.get()
+    if at is not None:
+        say(f"{name}: the person is looked for at ({at[0]:g}, {at[1]:g}) in frame {own[0]} of {index.path.name}.")
 
     def pictures() -> Iterator[np.ndarray]:
         reader = FrameReader(index)

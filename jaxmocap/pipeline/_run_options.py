@@ -25,7 +25,7 @@ class RunOptions:
         quality: preset of the tracker.
         actor: the person's mesh or character; None: the built-in body is made to measure.
         scan: a video once around the person, or pictures from all around, that an actor is made of (`pipeline.scan`).
-        person: pixel on the person in the first picture, by camera.
+        person: pixel on the person in the first picture that all videos share, by camera.
         weights: a detector's networks, for a machine without a network.
         keypoints: folder of a detector's files, instead of looking for the person.
         static: whether all cameras stand still, whatever the background says.
@@ -122,7 +122,7 @@ def _examine_cameras(indices: Sequence[VideoIndex], options: RunOptions) -> None
         if not (0 <= x < width and 0 <= y < height):
             raise InputError(
                 f"--person {name}={x:g},{y:g} lies outside the pictures of {width} x {height} pixels; give a pixel on "
-                "the person in the first picture"
+                "the person in the first picture that all videos share"
             )
     distance = options.camera_distance
     if distance is not None and not 0.01 < distance < 1000:

@@ -72,8 +72,8 @@ def stages_of(work: RunWork) -> list[Stage]:
         "keypoints",
         work.of_detect,
         work.detect,
-        "say where the person is in the first picture with --person CAMERA=X,Y, or give another detector's files "
-        "with --keypoints DIR",
+        "say where the person is in the first picture that all videos share with --person CAMERA=X,Y, or give another "
+        "detector's files with --keypoints DIR",
     )
     calibrate = Stage(
         "calibrate",

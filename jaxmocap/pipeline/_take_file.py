@@ -72,7 +72,7 @@ class TakeEntry(BaseModel):
         focal: pixels, by camera.
         offset: seconds to add to a camera's own time, by camera.
         scan: a video once around the person, or a folder of pictures.
-        person: pixel on the person in the first picture, by camera.
+        person: pixel on the person in the first picture that all videos share, by camera.
         keypoints: folder of a detector's files.
         static: whether all cameras stand still.
     """

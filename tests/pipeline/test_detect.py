@@ -128,6 +128,14 @@ def test_frames_are_added_and_another_person_or_replace_begins_anew(marked, foll
     assert followed == [(0, 1, 2), (2, 3, 4), (6, 7), (0, 1)]
 
 
+def test_it_is_said_in_which_picture_of_a_video_the_person_is_pointed_at(marked, capsys):
+    (marked / "capture.toml").write_text(TOML.replace('"left.mp4"', '"left.mp4"\noffset = -0.1'))
+    assert run(["detect", str(marked), "--person", "left=112,130"]) == 0  # where the person is when right.mp4 begins
+    err = " ".join(capsys.readouterr().err.split())
+    assert "left: the person is looked for at (112, 130) in frame 3 of left.mp4." in err
+    assert "right: the person is looked for" not in err
+
+
 def test_an_interrupted_run_goes_on_with_the_camera_it_was_at(marked, followed):
     def interrupt(stage, done, total):
         if stage == "detect right" and done == 3:
