@@ -126,13 +126,7 @@ def _aligned_by_cameras(truth: Truth, motion: Motion) -> tuple[Similarity, dict[
         return IDENTITY, {}
     if motion.cameras is None:
         return IDENTITY, {"aligned_by": "nothing: the truth holds cameras, the result holds none"}
-    ours = np.asarray(motion.cameras.cam_from_world, np.float64)
-    if len(ours) != len(truth.cam_from_world):
-        raise InputError(
-            f"The result has {len(ours)} cameras, the truth {truth.path} has {len(truth.cam_from_world)}; "
-            "they must be the same cameras in the same order."
-        )
-    pairs = ours.reshape(-1, 4, 4), truth.cam_from_world.reshape(-1, 4, 4)
+    pairs = truth.camera_pairs(motion)
     similarity = align_cameras(*pairs)
     distance, angle = camera_residuals(similarity, *pairs)
     return similarity, {
@@ -170,7 +164,7 @@ def _joint_scores(motion: Motion, truth: Truth, joints: Joints, placed: Similari
     }
     if errors.deviations is not None:
         scores["uncertainty_coverage"] = {f"{100 * share:g}%": errors.coverage(share) for share in REGIONS}
-    if errors.root_aligned is not None:
+    if errors.root_aligned is not None and np.isfinite(errors.root_aligned).any():
         scores["mpjpe_root_aligned_cm"] = float(100 * np.nanmean(errors.root_aligned))
     if np.isfinite(errors.procrustes).any():
         scores["pa_mpjpe_cm"] = float(100 * np.nanmean(errors.procrustes))

@@ -23,6 +23,9 @@ vertebra, `head` the joint below the skull or its centre."""
 JOINTS = ("pelvis", "spine", "thorax", "neck", "head", *_LIMBS)
 """Joints of the skeleton, without the landmarks on its surface (nose, toes, heels)."""
 
+_LEAST_VARIANCE = 1e-12
+"""Square metres added to every covariance, so that one of a joint that is said to be certain can be divided by."""
+
 Joints = Literal["comparable", "all"] | Sequence[str]
 """Which joints to score: those in `COMPARABLE`, those in `JOINTS`, or exactly these names."""
 
@@ -109,7 +112,7 @@ def joint_errors(
     deviations = None
     if motion.covariance is not None:
         turn = truth_from_world.scale * truth_from_world.rotation
-        covariance = turn @ motion.covariance[:, ours].astype(np.float64) @ turn.T
+        covariance = turn @ motion.covariance[:, ours].astype(np.float64) @ turn.T + _LEAST_VARIANCE * np.eye(3)
         whitened = np.linalg.solve(np.linalg.cholesky(covariance), (true - found)[..., None])
         deviations = _lengths(whitened[..., 0])
     local = np.einsum("tjik,tji->tjk", rotations, true - found)

@@ -53,7 +53,7 @@ class Truth:
             if values.ndim != 3 or values.shape[2] != 3 or values.dtype.kind not in "fiu" or 0 in values.shape:
                 raise InputError(f"{path}: {name} has shape {values.shape}; (frames, points, 3) numbers were expected.")
             lengths[name] = len(values)
-        names = tuple(str(name) for name in arrays.get("joint_names", ()))
+        names = tuple(map(_text, np.atleast_1d(arrays.get("joint_names", ()))))
         if joints is not None and len(names) != joints.shape[1]:
             raise InputError(f"{path} has {joints.shape[1]} joints and {len(names)} joint_names; they must be as many.")
         definitions = arrays.get("joint_definitions")
@@ -64,9 +64,9 @@ class Truth:
             )
         cameras = arrays.get("cam_from_world")
         if cameras is not None:
-            if cameras.ndim != 4 or cameras.shape[2:] != (4, 4):
+            if cameras.ndim != 4 or cameras.shape[2:] != (4, 4) or cameras.dtype.kind not in "fiu":
                 raise InputError(
-                    f"{path}: cam_from_world has shape {cameras.shape}; (cameras, frames, 4, 4) was expected."
+                    f"{path}: cam_from_world has shape {cameras.shape}; (cameras, frames, 4, 4) numbers were expected."
                 )
             lengths["cam_from_world"] = cameras.shape[1]
         times = _times(arrays, path, next(iter(lengths.values())))
@@ -103,6 +103,27 @@ class Truth:
         )
         return truth, motion if shared.all() else motion[shared]
 
+    def camera_pairs(self, motion: Motion) -> tuple[Float[np.ndarray, "pair 4 4"], Float[np.ndarray, "pair 4 4"]]:
+        """Pair the poses of the motion's cameras with the true ones of the same frames, where both are known.
+
+        Both must have cameras. Raises `InputError` if they are not as many or no pair is known.
+        """
+        assert self.cam_from_world is not None
+        assert motion.cameras is not None
+        ours = np.asarray(motion.cameras.cam_from_world, np.float64)
+        if len(ours) != len(self.cam_from_world):
+            raise InputError(
+                f"The result has {len(ours)} cameras, the truth {self.path} has {len(self.cam_from_world)}; "
+                "they must be the same cameras in the same order."
+            )
+        ours, true = ours.reshape(-1, 4, 4), self.cam_from_world.reshape(-1, 4, 4)
+        known = np.isfinite(ours).all((1, 2)) & np.isfinite(true).all((1, 2))
+        if not known.any():
+            raise InputError(
+                f"{self.path}: cam_from_world is known in none of the evaluated frames; give it or leave it out."
+            )
+        return ours[known], true[known]
+
 
 def sample(
     times: Float[np.ndarray, " sample"], values: Float[np.ndarray, "sample *shape"], wanted: Float[np.ndarray, " frame"]
@@ -124,7 +145,10 @@ def sample(
 
 def _times(arrays: dict[str, np.ndarray], path: Path, count: int) -> np.ndarray | None:
     if "timestamps" in arrays:
-        times = np.asarray(arrays["timestamps"], np.float64)
+        times = arrays["timestamps"]
+        if times.dtype.kind not in "fiu":
+            raise InputError(f"{path}: timestamps are of type {times.dtype}; numbers, seconds, were expected.")
+        times = times.astype(np.float64)
         if times.ndim != 1 or not np.isfinite(times).all() or not (np.diff(times) > 0).all():
             raise InputError(f"{path}: timestamps do not increase.")
         return times
@@ -134,3 +158,7 @@ def _times(arrays: dict[str, np.ndarray], path: Path, count: int) -> np.ndarray 
     if fps.size != 1 or fps.dtype.kind not in "fiu" or not 0 < float(fps.reshape(())) < 1e5:
         raise InputError(f"{path}: fps is {fps}; one positive number was expected.")
     return np.arange(count) / float(fps.reshape(()))
+
+
+def _text(name: str | bytes) -> str:
+    return name.decode(errors="replace") if isinstance(name, bytes) else str(name)

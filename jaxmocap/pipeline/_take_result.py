@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from jaxmocap._results import InputError
 from jaxmocap.metrics import evaluate
 from jaxmocap.motion import Motion
 from jaxmocap.viewers import REPORT_PAGE, findings, headline
@@ -108,12 +107,15 @@ def _result(take: Take, tracked: Tracked, begin: float, notes: list[str]) -> Tak
 
 
 def _errors(motion: Motion, notes: list[str]) -> tuple[float | None, float | None]:
-    """Compare markers and joints with the truth where the capture has one; one that cannot be used is a note."""
+    """Compare markers and joints with the truth where the capture has one.
+
+    Whatever goes wrong is a note: the take has its result all the same.
+    """
     truth = motion.provenance.get("truth")
     try:
         found = {} if truth is None else evaluate(motion, truth)
-    except InputError as error:
-        notes.append(f"Not compared with the truth: {error}")
+    except Exception as error:
+        notes.append(f"Not compared with the truth: {Failure.of(error).error}")
         found = {}
     markers, joints = (found.get(name, {}).get("mean") for name in ("marker_error_cm", "joint_error_cm"))
     return markers, joints

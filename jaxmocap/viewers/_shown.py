@@ -175,6 +175,10 @@ def _truth_of(
         return None
     try:
         truth, evaluated = Truth.read(path).at(motion)
+        placed = IDENTITY
+        if truth.cam_from_world is not None and evaluated.cameras is not None:
+            ours, true = truth.camera_pairs(evaluated)
+            placed = align_cameras(true, ours)
     except InputError as error:
         if given is not None:
             raise
@@ -182,10 +186,6 @@ def _truth_of(
         return None
     points = truth.markers if truth.markers is not None else truth.joints
     assert points is not None  # a truth file has one of them
-    placed = IDENTITY
-    if truth.cam_from_world is not None and evaluated.cameras is not None:
-        ours = np.asarray(evaluated.cameras.cam_from_world, np.float64).reshape(-1, 4, 4)
-        placed = align_cameras(truth.cam_from_world.reshape(-1, 4, 4), ours)
     everywhere = np.full((len(motion), *points.shape[1:]), np.nan)
     everywhere[np.isin(motion.frames, evaluated.frames)] = placed(points)
     return everywhere

@@ -95,6 +95,16 @@ def test_keys_the_truth_cannot_answer_are_absent(motion, tmp_path):
     assert not {"joint_error_cm", "pa_mpjpe_cm", "seconds_per_frame"} & set(only_markers)
 
 
+@pytest.mark.filterwarnings("error")
+def test_names_as_bytes_and_a_pelvis_that_is_never_seen_are_scored(motion, tmp_path):
+    truth = _truth(motion)
+    truth["joints"][:, 0] = np.nan
+    path = _write(tmp_path / "truth.npz", truth | {"joint_names": np.array(NAMES, "S")})
+    scores = evaluate(motion, path, joints="all")
+    assert scores["joint_error_cm"]["max"] == pytest.approx(0, abs=1e-3)
+    assert "mpjpe_root_aligned_cm" not in scores
+
+
 def test_a_part_of_the_frames_is_matched_by_time(motion, tmp_path):
     path = _write(tmp_path / "truth.npz", _truth(motion))
     scores = evaluate(motion[3:6], path)
@@ -169,6 +179,12 @@ def test_a_result_in_its_own_world_is_aligned_once_by_the_cameras(tmp_path):
     assert scores["alignment"]["scale"] == pytest.approx(0.5, abs=1e-5)
     assert scores["alignment"]["camera_centre_residual_cm"] < 1e-2
     assert "holds none" in evaluate(_motion(), path)["aligned_by"]
+    theirs[1, 2:4, 0, 0] = np.nan
+    assert evaluate(motion, _write(tmp_path / "gaps.npz", truth | {"cam_from_world": theirs}))["aligned_by"] == (
+        "one similarity over 14 camera poses"
+    )
+    with pytest.raises(InputError, match="cam_from_world is known in none of the evaluated frames"):
+        evaluate(motion, _write(tmp_path / "none.npz", truth | {"cam_from_world": np.full_like(theirs, np.nan)}))
     three = np.concatenate([theirs, theirs[:1]])
     with pytest.raises(InputError, match=r"result has 2 cameras, the truth .* has 3"):
         evaluate(motion, _write(tmp_path / "three.npz", truth | {"cam_from_world": three}))
@@ -187,6 +203,9 @@ def test_a_result_in_its_own_world_is_aligned_once_by_the_cameras(tmp_path):
         ({"timestamps": np.zeros(8)}, "timestamps do not increase"),
         ({"cam_from_world": np.zeros((2, 8, 3))}, "cam_from_world has shape"),
         ({"markers": np.array([["a"]])}, "markers has shape"),
+        ({"cam_from_world": np.full((2, 8, 4, 4), "a")}, r"cam_from_world has shape .* numbers were expected"),
+        ({"timestamps": np.array(list("abcdefgh"))}, "timestamps are of type <U1; numbers, seconds, were expected"),
+        ({"joint_names": np.array("pelvis")}, "6 joints and 1 joint_names"),
     ],
 )
 def test_unusable_truths_are_refused_in_a_sentence(motion, tmp_path, changes, sentence):

@@ -53,6 +53,12 @@ def test_regions_hold_their_share_of_a_truth_that_scatters_as_the_covariance_say
     assert np.isnan(joint_errors(motion, true, NAMES).coverage(0.9))
 
 
+def test_joints_that_are_certain_hold_the_truth_only_where_they_are(motion):
+    certain = replace(motion, covariance=np.zeros((*motion.joints.shape, 3), np.float32))
+    assert joint_errors(certain, _true(motion), NAMES).coverage(0.9) == 1
+    assert joint_errors(certain, _true(motion) + 0.01, NAMES).coverage(0.9) == 0
+
+
 def test_without_a_pelvis_the_hips_are_the_root(motion):
     names = ("l_hip", "r_hip", "neck")
     errors = joint_errors(motion, _true(motion, names) + 1, names)

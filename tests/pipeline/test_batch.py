@@ -27,7 +27,7 @@ from jaxmocap._cli import run as command
 from jaxmocap._results import InputError
 from jaxmocap.character import Pose
 from jaxmocap.motion import Motion
-from jaxmocap.pipeline import RunResult, _run_options, _take, batch
+from jaxmocap.pipeline import RunResult, _run_options, _take, _take_result, batch
 from jaxmocap.pipeline._run_record import RunRecord
 from jaxmocap.pipeline._take_file import read_take_file
 from jaxmocap.rigging import body
@@ -132,6 +132,18 @@ def test_a_take_that_fails_stops_no_other_and_is_tried_again(takes, tracked, tmp
     assert record["headline"] == "3 takes: 2 trusted throughout, 1 not throughout."
     assert [take["way"] for take in record["takes"]] == ["kept", "tracked", "kept"]
     assert Counter(name for name, _ in tracked) == {"walk": 1, "jump & run": 2, "odd": 1}
+
+
+def test_a_take_whose_truth_breaks_the_comparison_keeps_its_row(takes, tracked, tmp_path, monkeypatch):
+    def broken(motion, truth):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(_take_result, "evaluate", broken)
+    motion = replace(_take.track_capture(takes[0], tmp_path / "one" / "walk", seed=0), provenance={"truth": "t.npz"})
+    monkeypatch.setattr(_take, "track_capture", lambda *_, **__: motion)
+    (take,) = batch(takes[:1], tmp_path / "out").takes
+    assert (take.way, take.frames) == ("tracked", 4)
+    assert take.notes == ("Not compared with the truth: numpy.linalg.LinAlgError: SVD did not converge",)
 
 
 def test_exit_codes_tell_trust_from_our_errors(takes, tracked, tmp_path, capsys):

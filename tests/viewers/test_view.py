@@ -82,6 +82,7 @@ def test_a_truth_in_another_world_is_brought_to_the_motions(world, tmp_path):
     moved[..., :3, :3] = moved[..., :3, :3] @ turn.T  # cam_from_truth = cam_from_world world_from_truth
     moved[..., :3, 3] -= moved[..., :3, :3] @ shift
     markers = shown.markers @ turn.T + shift
+    moved[0, 1, 0, 0] = np.nan
     np.savez(tmp_path / "truth.npz", markers=markers, cam_from_world=moved)
     gathered = gather(motion, truth=tmp_path / "truth.npz")
     np.testing.assert_allclose(gathered.truth, shown.markers, atol=1e-3)
