@@ -32,7 +32,7 @@ def write_blender(motion: Motion, path: Path, form: ExportForm) -> None:
     and where it does not do it.
     """
     command = blender_command()
-    rate = form.frame_rate or 1 / float(np.mean(np.diff(motion.timestamps)))
+    rate = form.frame_rate or 1 / motion.seconds_per_interval
     counted = replace(turned(motion, "y"), timestamps=np.arange(len(motion)) / rate)  # as glTF has it
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)

@@ -1,11 +1,14 @@
 """C3D: virtual markers for Mokka, Visual3D, MATLAB and the like."""
 
+import errno
+import os
 import struct
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from jaxmocap._results import InputError
 from jaxmocap.motion import Motion
 
 from ._exporter import ExportForm
@@ -18,6 +21,8 @@ _STEPS = 255
 _BLOCK, _SCALE_AT, _DATA_AT = 512, 12, 16
 """Bytes: of a block of the file, and where its header has the scale and the number of the block of the first point."""
 _LOST = "; -1 where a joint has no confidence or the person is lost"
+_MOST_FRAMES = 65535
+"""Their number has two bytes."""
 _MOST_EVENTS = 255
 """The lengths of a C3D parameter are bytes."""
 _INTEGER = 2
@@ -40,6 +45,10 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     """
     import ezc3d
 
+    if len(motion) > _MOST_FRAMES:
+        raise InputError(
+            f"{form.name}: C3D holds {_MOST_FRAMES} frames, the motion has {len(motion)}; export parts, or a .trc."
+        )
     confidence = np.where((motion.status == "lost")[:, None], 0.0, motion.confidence.astype(np.float64))
     deviations = motion.joint_deviations
     if deviations is None:
@@ -76,8 +85,10 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
     for position, foot, label in events[:_MOST_EVENTS]:
         icon, description = _EVENTS[label]
         file.add_event(divmod(position / rate, 60), foot, label, description, icon_id=icon)
-    file.write(str(path))
-    _as_the_format_says(path, scale, residuals)
+    written = path.with_name(f"{path.name}.c3d")  # ezc3d knows small letters alone
+    file.write(str(written))
+    _as_the_format_says(written, scale, residuals)
+    os.replace(written, path)
 
 
 def _as_the_format_says(path: Path, scale: float, residuals: Float[np.ndarray, "frame joint"]) -> None:
@@ -90,6 +101,9 @@ def _as_the_format_says(path: Path, scale: float, residuals: Float[np.ndarray, "
     content = bytearray(path.read_bytes())
     struct.pack_into("<f", content, _SCALE_AT, scale)
     (block,) = struct.unpack_from("<H", content, _DATA_AT)
+    if len(content) < _BLOCK * (block - 1) + 16 * residuals.size:  # ezc3d does not notice a full disk
+        path.unlink()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     points = np.frombuffer(content, "<f4", 4 * residuals.size, _BLOCK * (block - 1))
     points.reshape(*residuals.shape, 4)[..., 3] = residuals
     path.write_bytes(content)

@@ -1,6 +1,7 @@
 """What every exporter is, what its format asks for, and how one is run on a motion or a result folder."""
 
 import contextlib
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -124,10 +125,10 @@ def export_motion(
     form = replace(form, **files, mass=mass, opensim_model=opensim_model, say=say or form.say)
     motion = continuous(turned(motion, form.up))
     rate = frame_rate_of(motion)
-    if frame_rate is not None and frame_rate != rate:
+    if frame_rate is not None and not (rate and math.isclose(frame_rate, rate, rel_tol=1e-6)):
         motion = resampled(motion, frame_rate)
     elif rate is None and exporter.even:
-        rate = 1 / float(np.mean(np.diff(motion.timestamps)))
+        rate = 1 / motion.seconds_per_interval
         form.say(f"{path}: the time between frames varies, so poses are interpolated to {rate:.2f} frames per second.")
         motion = resampled(motion, rate)
     form = replace(form, frame_rate=frame_rate or rate)

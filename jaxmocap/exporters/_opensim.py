@@ -1,5 +1,6 @@
 """TRC and MOT: markers and joint angles for OpenSim."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +16,11 @@ from ._neutral_body import REST_FROM_OPENSIM
 from ._prepare import euler_angles, neutral_angles
 
 PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")
+
+
+def model_name(file: str) -> str:
+    """Name a model like its file, but for what OpenSim refuses in names: blanks and some signs."""
+    return re.sub(r"[\\*+\s/]", "_", Path(file).stem)
 
 
 def write_trc(motion: Motion, path: Path, form: ExportForm) -> None:

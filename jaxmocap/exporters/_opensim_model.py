@@ -16,7 +16,7 @@ from ._body_mass import body_mass
 from ._exporter import ExportForm
 from ._marker_set import marker_set
 from ._neutral_body import REST_FROM_OPENSIM, NeutralBody, neutral_body
-from ._opensim import PELVIS, coordinates_of
+from ._opensim import PELVIS, coordinates_of, model_name
 
 GEOMETRY = "_geometry"
 """What is added to the name of a model to name the folder of its meshes."""
@@ -41,7 +41,7 @@ def write_osim(motion: Motion, path: Path, form: ExportForm) -> None:
     frames = body.turns.swapaxes(1, 2) @ REST_FROM_OPENSIM  # rest from each body's frame
     rest = skeleton.joints.astype(np.float64)
     document = ElementTree.Element("OpenSimDocument", Version="40000")
-    model = _add(document, "Model", name=Path(form.name).stem)
+    model = _add(document, "Model", name=model_name(form.name))
     for tag, text in (("credits", _NOTE), ("length_units", "meters"), ("force_units", "N")):
         _add(model, tag, text)
     _add(model, "gravity", "0 -9.80665 0")

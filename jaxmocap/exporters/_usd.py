@@ -1,5 +1,6 @@
 """USD: the skinned actor on our own joints, its clip, and the cameras as they moved."""
 
+import errno
 import importlib
 from collections.abc import Sequence
 from itertools import count
@@ -23,15 +24,23 @@ _NEAR, _FAR = 0.01, 1000.0  # clipping planes, metres
 def write_usd(motion: Motion, path: Path, form: ExportForm) -> None:
     """Write UsdSkel with time samples at the motion's own timestamps; unlike glTF's, cameras have a principal point."""
     try:
-        Gf, Sdf, Usd, UsdGeom = _pxr("Gf", "Sdf", "Usd", "UsdGeom")
+        (Tf,) = _pxr("Tf")
     except ImportError:
         raise InputError(
             f"{form.name} needs usd-core, which is not installed; run pip install 'jaxmocap[usd]', or write a .glb."
         ) from None
+    try:
+        _write(motion, path, form)
+    except Tf.ErrorException as error:
+        raise OSError(errno.EIO, str(error).strip().splitlines()[-1]) from None
+
+
+def _write(motion: Motion, path: Path, form: ExportForm) -> None:
+    Gf, Sdf, Usd, UsdGeom = _pxr("Gf", "Sdf", "Usd", "UsdGeom")
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, form.up.upper())
     UsdGeom.SetStageMetersPerUnit(stage, 1 / form.per_metre)
-    rate = form.frame_rate or 1 / float(np.mean(np.diff(motion.timestamps)))
+    rate = form.frame_rate or 1 / motion.seconds_per_interval
     stage.SetTimeCodesPerSecond(rate)
     stage.SetFramesPerSecond(rate)
     codes = motion.timestamps * rate

@@ -12,7 +12,7 @@ import pytest
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import read_cameras
-from jaxmocap.exporters import export
+from jaxmocap.exporters import _c3d, export
 from jaxmocap.motion import Motion
 from jaxmocap.synthetic import dance, make_actor
 
@@ -139,6 +139,31 @@ def test_c3d_says_which_way_is_up(even, tmp_path):
     assert file["parameters"]["POINT"]["Y_SCREEN"]["value"] == ["+Z"]
     found = file["data"]["points"][:3].transpose(2, 1, 0)
     np.testing.assert_allclose(found, even.joints[..., [0, 2, 1]] * [1, -1, 1], atol=1e-5)
+
+
+def test_c3d_takes_a_suffix_of_capitals_and_no_more_frames_than_it_can_count(even, tmp_path, monkeypatch):
+    file = ezc3d.c3d(str(export(even, tmp_path / "dance.C3D")))
+    assert file["data"]["points"].shape[2] == len(even)
+    monkeypatch.setattr(_c3d, "_MOST_FRAMES", len(even) - 1)
+    with pytest.raises(InputError, match=f"the motion has {len(even)}; export parts"):
+        export(even, tmp_path / "long.c3d")
+    assert [path.name for path in tmp_path.iterdir()] == ["dance.C3D"]
+
+
+def test_c3d_that_a_full_disk_cut_short_is_no_file(even, tmp_path):
+    whole = export(even, tmp_path / "dance.c3d")
+    whole.write_bytes(whole.read_bytes()[:-600])
+    with pytest.raises(OSError, match="No space left"):
+        _c3d._as_the_format_says(whole, -1.0, np.zeros(even.joints.shape[:2]))
+    assert not whole.exists()
+
+
+def test_a_gap_changes_no_frame_rate_and_its_own_rate_changes_no_frame(even, tmp_path):
+    said, gap = [], even[np.r_[0:3, 5 : len(even)]]
+    export(gap, tmp_path / "gap.bvh", say=said.append)
+    assert "interpolated to 30.00 frames per second" in said[0]
+    frames = [row["frame"] for row in csv.DictReader(export(even[2:], tmp_path / "a.csv", frame_rate=30.0).open())]
+    assert frames == [str(frame) for frame in even.frames[2:]]
 
 
 def test_trc_is_a_table_of_virtual_markers(even, tmp_path):

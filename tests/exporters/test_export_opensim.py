@@ -134,6 +134,11 @@ def test_a_joint_that_opensim_cannot_hold_is_refused_and_nothing_is_left(danced,
     assert not list(tmp_path.iterdir())
 
 
+def test_a_model_has_a_name_that_opensim_takes(danced, tmp_path):
+    text = export(danced, tmp_path / "my dance*2.osim").read_text()
+    assert '<Model name="my_dance_2">' in text
+
+
 def test_what_lies_beside_a_model_is_never_overwritten(danced, tmp_path):
     (tmp_path / "dance.mot").write_text("mine")
     with pytest.raises(ValueError, match=r"dance.mot exists already"):
