@@ -41,10 +41,11 @@ def evaluate(
 ) -> dict[str, Any]:
     """Score a result (a motion or its folder) against a truth file; see `Truth.read` for what that may hold.
 
-    Frames are matched by time. Where the truth holds the cameras' true poses and the result its own, the result's world
-    is first brought to the truth's once, by the similarity between the two sets of cameras; `aligned_by` says so. With
-    `align="joints"` it is the similarity between the scored joints of all frames, for a result whose cameras were
-    calibrated from its own videos and a truth that holds none: then place, direction and size say nothing.
+    Frames are matched by time; those beyond the truth or in a hole of it are left out (`frames_without_truth`). Where
+    the truth holds the cameras' true poses and the result its own, the result's world is first brought to the truth's
+    once, by the similarity between the two sets of cameras; `aligned_by` says so. With `align="joints"` it is the
+    similarity between the scored joints of all frames, for a result whose cameras were calibrated from its own videos
+    and a truth that holds none: then place, direction and size say nothing.
 
     `joints` says which joints are scored. A joint of the same name is not always the same point: pelvis, spine, thorax
     and head lie elsewhere in every rig. So "comparable", the default, scores the neck, shoulders, elbows, wrists, hips,
@@ -72,8 +73,8 @@ def evaluate(
         scores |= _marker_scores(evaluated, reference.markers, placed)
     if reference.joints is not None:
         scores |= _joint_scores(evaluated, reference, _comparable(reference, joints), placed)
-    scores["jitter_m_per_s2"] = jitter(evaluated, placed.scale)
-    skate = foot_skate(evaluated).summary()
+    scores["jitter_m_per_s2"] = jitter(motion, placed.scale)  # all frames: those evaluated may not follow each other
+    skate = foot_skate(motion).summary()
     if skate:
         scores["foot_skate_m_per_s"] = {name: placed.scale * speed for name, speed in skate.items()}
     seconds = motion.provenance.get("seconds_per_frame")

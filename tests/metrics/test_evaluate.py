@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
-from jaxmocap.metrics import Similarity, Truth, evaluate, evaluation_table, silhouette_iou
+from jaxmocap.metrics import Similarity, Truth, evaluate, evaluation_table, jitter, silhouette_iou
 
 CHARACTER = box_character()
 NAMES = ("pelvis", "neck", "head", "l_wrist", "r_ankle", "nose")
@@ -148,6 +148,22 @@ def test_frames_beyond_the_truth_are_counted_and_left_out(motion, tmp_path):
     assert scores["frame_numbers"] == [0, 1, 2, 3, 4]
     with pytest.raises(InputError, match="share none, so this is the truth of another capture"):
         evaluate(motion[5:], tmp_path / "truth.npz")
+
+
+def test_frames_in_a_hole_of_the_truth_are_counted_and_left_out(tmp_path):
+    """Between samples 1 and 18 nothing is known; of single moments, a third of a second apart, nothing between them."""
+    motion = box_motion(CHARACTER, num_frames=20)
+    for kept in ([0, 1, 18, 19], [0, 10, 19]):
+        truth = {name: values[kept] for name, values in _truth(motion).items() if name in ("markers", "joints")}
+        truth |= {"joint_names": np.array(NAMES), "timestamps": motion.timestamps[kept]}
+        path = _write(tmp_path / "truth.npz", truth)
+        scores = evaluate(motion, path)
+        assert scores["frame_numbers"] == kept
+        assert scores["frames_without_truth"] == 20 - len(kept)
+        assert scores["marker_error_cm"]["max"] == pytest.approx(0, abs=1e-3)
+        assert scores["jitter_m_per_s2"] == jitter(motion)
+        with pytest.raises(InputError, match="no samples at the result's frames"):
+            evaluate(motion[3:6], path)
 
 
 def test_a_result_in_its_own_world_is_aligned_once_by_the_cameras(tmp_path):
