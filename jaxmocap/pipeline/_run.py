@@ -8,7 +8,7 @@ from pathlib import Path
 from jaxmocap._types import Quality
 from jaxmocap.motion import Motion
 
-from ._run_folder import finished, only_run
+from ._run_folder import only_run
 from ._run_options import RunOptions, examine
 from ._run_plan import PlannedStage, done_before, given_by_hand, plan_of
 from ._run_record import RunRecord
@@ -102,19 +102,20 @@ def run(
     work = RunWork(examine(videos, options), out, options, record, tell, progress)
     took: dict[str, float] = {}
     with only_run(out, out):
+        work.forget_deleted()
         plan(plan_of(work))
         for stage in stages_of(work):
             if given_by_hand(work, stage):
                 say(f"{stage.name}: {stage.line} was set by hand in capture.toml, and stays.")
                 continue
-            if done_before(work, stage) and (stage.name != "track" or finished(out / str(record.made("track")))):
+            if done_before(work, stage):
                 continue
             begin = time.perf_counter()
             made = do_stage(work, stage)
             took[stage.name] = time.perf_counter() - begin
             record.set(stage.name, stage.inputs(), made, took[stage.name])
-    folder, motion = work.result()
-    return RunResult(motion, work.folder, folder, folder / "report.html", took)
+        folder, motion, page = work.result()
+    return RunResult(motion, work.folder, folder, page, took)
 
 
 def _path(path: str | Path | None) -> Path | None:

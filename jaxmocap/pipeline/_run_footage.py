@@ -54,17 +54,34 @@ class FootageWork(RunInputs):
         They must not count in what is done anew: selected frames that the videos no longer share, the bones of a body
         that was made of other keypoints, cameras that keypoints are held against. What was set by hand stays.
         """
-        config, own = self.config(), self.options.actor or self.options.scan
-        lines = {"detect": "keypoints", "calibrate": "cameras", "body": "actor", "selected frames": "selected_frames"}
+        own = self.options.actor or self.options.scan
         found = {
-            lines[stage]: None
-            for stage in (*stages, "selected frames")
-            if self.record.made(stage) is not None
-            and self.record.made(stage) == getattr(config, lines[stage])
-            and not (stage == "body" and own)  # made before, of the person's own surface
+            line: None
+            for stage, (line, _) in self._own_lines(*stages, "selected frames").items()
+            if not (stage == "body" and own)  # made before, of the person's own surface
         }
         if found:
             self._set(**found)
+
+    def forget_deleted(self) -> None:
+        """Take out of `capture.toml` what an earlier run made and somebody has deleted since: it is made again."""
+        if not (self.folder / "capture.toml").is_file():
+            return
+        own = self._own_lines("detect", "calibrate", "body")
+        deleted = {line: None for line, name in own.values() if not (self.folder / name).exists()}
+        if deleted:
+            self._set(**deleted)
+
+    def _own_lines(self, *stages: str) -> dict[str, tuple[str, Any]]:
+        """Find what `capture.toml` says that these stages wrote: by stage, the line and what it says."""
+        config = self.config()
+        lines = {"detect": "keypoints", "calibrate": "cameras", "body": "actor", "selected frames": "selected_frames"}
+        found = {stage: (lines[stage], getattr(config, lines[stage])) for stage in stages}
+        return {
+            stage: (line, value)
+            for stage, (line, value) in found.items()
+            if value is not None and value == self.record.made(stage)
+        }
 
     def _wrote(self, stage: str, made: Any) -> None:
         """Note what a stage wrote before it ends: if it is cut off, that is not taken for a change by hand."""

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from ._run_folder import finished
 from ._run_stages import Stage, stages_of, written
 from ._run_work import RunWork
 
@@ -69,10 +70,15 @@ def given_by_hand(work: RunWork, stage: Stage) -> bool:
 
 
 def done_before(work: RunWork, stage: Stage) -> bool:
-    """Tell whether the stage was done of what it would be made of now, and what it wrote is there."""
+    """Tell whether the stage was done of what it would be made of now, and what it wrote is there.
+
+    What `capture.toml` names is there: `forget_deleted` has taken out the rest.
+    """
     if not work.folder.is_dir() or not work.record.begun(stage.name):
         return False
     if stage.line is not None and written(work, stage) is None:
+        return False
+    if stage.name == "track" and not finished(work.out / str(work.record.made("track"))):
         return False
     return work.record.done(stage.name, stage.inputs())
 

@@ -11,14 +11,17 @@ import jax
 
 from jaxmocap._cache import code_hash, machine
 from jaxmocap._files import atomic_path, free_name
+from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
 from jaxmocap.calibration import scale_cameras
 from jaxmocap.character import BodyShape, Character, scaled, stature
 from jaxmocap.motion import Motion
 from jaxmocap.rigging import brings_skin, open_actor
+from jaxmocap.viewers import REPORT_PAGE, report_page
 
 from ._defaults import with_selected_frames
 from ._made_to_measure import character_of
+from ._run_folder import finished, refuse_foreign
 from ._run_footage import FootageWork
 from ._run_options import span_within
 from ._scan import scan
@@ -111,13 +114,25 @@ class RunWork(FootageWork):
         """Choose the folder of an unfinished run of the same inputs, or a new one: results are never overwritten."""
         inputs = [self.of_track(), code_hash(), versions(), machine()]  # as the checkpoint knows them
         ongoing = self.record.made("tracking")
-        if ongoing is not None and self.record.done("tracking", inputs):
+        if ongoing is not None and self.record.done("tracking", inputs) and _can_be_gone_on_with(self.out / ongoing):
             return self.out / ongoing
         folder = free_name(self.out, RESULT)
         self.record.set("tracking", inputs, folder.name)
         return folder
 
-    def result(self) -> tuple[Path, Motion]:
-        """Return the folder of the result and the motion in it."""
+    def result(self) -> tuple[Path, Motion, Path]:
+        """Return the folder of the result, the motion in it and its page, which is written anew if it was deleted."""
         folder = self.out / str(self.record.made("track"))
-        return folder, Motion.load(folder)
+        page = folder / REPORT_PAGE
+        if not page.is_file():
+            page = report_page(folder, capture=self._open(), say=self.say)
+        return folder, Motion.load(folder), page
+
+
+def _can_be_gone_on_with(folder: Path) -> bool:
+    """Tell whether a result can be written into a folder, or is there already; not where a part of it was deleted."""
+    try:
+        refuse_foreign(folder)
+    except InputError:
+        return finished(folder)
+    return True

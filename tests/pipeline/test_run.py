@@ -312,6 +312,28 @@ def test_a_run_that_cannot_be_gone_on_with_begins_a_new_result(videos, done, tmp
     assert again(videos, out)[0].folder == out / "result-2"
 
 
+def test_what_was_deleted_is_made_again(videos, done, tmp_path, monkeypatch):
+    out = tmp_path / "dance"
+    again(videos, out)
+    (out / "capture" / "actor.glb").unlink()
+    assert list(run(videos, out, height=1.8).seconds) == ["body"]  # the same as before
+    shutil.rmtree(out / "capture" / "cameras")
+    assert "calibrate" in run(videos, out, height=1.8).seconds
+    shutil.rmtree(out / "capture" / "keypoints")
+    assert "detect" in run(videos, out, height=1.8).seconds
+    assert (out / "capture" / "keypoints" / "left.json").is_file()
+    result = again(videos, out, seed=1)[0].folder
+    shutil.rmtree(result)
+    assert again(videos, out, seed=1)[1] == ["track"]
+    (result / "motion.npz").unlink()
+    anew, names = again(videos, out, seed=1)
+    assert (names, anew.folder != result) == (["track"], True)
+    anew.report.unlink()
+    monkeypatch.setattr(_run_work, "report_page", lambda folder, **_: folder / "new page")
+    anew, names = again(videos, out, seed=1)
+    assert (names, anew.report.name) == ([], "new page")
+
+
 def test_a_run_that_is_cut_off_goes_on_whatever_it_was_doing(videos, done, tmp_path, monkeypatch):
     """What it wrote itself is not taken for a change by hand."""
     out, good = tmp_path / "dance", _run_footage.FootageWork._find_person
