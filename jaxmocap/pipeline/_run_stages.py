@@ -72,8 +72,10 @@ def stages_of(work: RunWork) -> list[Stage]:
         "keypoints",
         work.of_detect,
         work.detect,
-        "say where the person is in the first picture that all videos share with --person CAMERA=X,Y, or give another "
-        "detector's files with --keypoints DIR",
+        "correct the files, or leave --keypoints out, and the person is looked for"
+        if work.options.keypoints
+        else "say where the person is in the first picture that all videos share with --person CAMERA=X,Y, or give "
+        "another detector's files with --keypoints DIR",
     )
     calibrate = Stage(
         "calibrate",

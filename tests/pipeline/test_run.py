@@ -278,11 +278,36 @@ def test_keypoints_that_were_given_once_are_left_again(videos, done, tmp_path):
     out, given = tmp_path / "dance", tmp_path / "given"
     given.mkdir()
     (given / "left.json").write_text("{}")
+    (given / "right_hand.json").write_text("{}")
     again(videos, out)
     again(videos, out, keypoints=given)
     assert Capture.open(out / "capture").keypoints_folder == out / "capture" / "keypoints-2"
     assert again(videos, out)[1][0] == "detect"
     assert Capture.open(out / "capture").keypoints_folder == out / "capture" / "keypoints"
+
+
+def test_keypoints_that_are_named_like_the_video_are_named_like_its_camera(videos, done, tmp_path):
+    given = tmp_path / "given"
+    (given / "right hand_json").mkdir(parents=True)
+    (given / "right hand_json" / "right hand_00003.json").write_text("{}")
+    again(videos[1:], tmp_path / "alone", keypoints=given)
+    with pytest.raises(InputError, match=r"detect' failed: .*given has no file for camera 'left', .* left\.json"):
+        again(videos, tmp_path / "dance", keypoints=given)
+    (given / "left_000000000003_keypoints.json").write_text("{}")
+    again(videos, tmp_path / "dance", keypoints=given)
+    opened = Capture.open(tmp_path / "dance" / "capture")
+    assert [opened.keypoint_frames(camera) for camera in range(2)] == [(3,), (3,)]
+    same = [
+        shutil.copy(video, make_folder(tmp_path / name) / "x.mp4") for name, video in zip("ab", videos, strict=True)
+    ]
+    (given / "x.json").write_text("{}")
+    with pytest.raises(InputError, match=r"no file for camera 'cam0', .*a/x\.mp4; cam0_00000_keypoints\.json"):
+        again(same, tmp_path / "other", keypoints=given)
+
+
+def make_folder(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
 
 
 def test_how_pictures_are_read_is_an_input_of_what_is_made_of_them(videos, done, tmp_path):
