@@ -4,6 +4,7 @@ from ._capture import KEYPOINT_NAMES as KEYPOINT_NAMES, SILHOUETTES as SILHOUETT
 from ._check import check as check
 from ._check_geometry import check_subject as check_subject, triangulated_people as triangulated_people
 from ._check_videos import SYNC_REPORT as SYNC_REPORT
+from ._check_views import check_common_size as check_common_size
 from ._choose_frames import ChosenFrames as ChosenFrames, choose_frames as choose_frames
 from ._config import (
     LONGEST_SIDE as LONGEST_SIDE,

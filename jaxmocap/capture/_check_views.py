@@ -13,6 +13,7 @@ from ._config import Finding
 
 _WORST_RATIO = 7.5  # of depth to across: two cameras 15 degrees apart
 _SMALLEST_PERSON = 0.15  # of the picture's height
+_BODY = 1.1  # of what its keypoints span
 _FEWEST_SHARED = 0.5  # of the shortest video's frames
 
 People = Mapping[int, Float[np.ndarray, "25 3"]]
@@ -50,6 +51,7 @@ def check_views(capture: Capture, cameras: Cameras, people: People) -> Iterator[
     if places is None:
         return
     yield from _in_picture(capture, cameras, people)
+    yield from check_common_size(cameras, people)
     together = [view_geometry(focal, poses[:, frame], place) for frame, place in enumerate(places)]
     for a, b in combinations(range(capture.num_cameras), 2):
         pair = [view_geometry(focal[[a, b]], poses[[a, b], frame], place) for frame, place in enumerate(places)]
@@ -59,6 +61,37 @@ def check_views(capture: Capture, cameras: Cameras, people: People) -> Iterator[
     if capture.num_cameras > 2:
         poor = _ratio(together) > _WORST_RATIO
         yield _angle_finding("the outermost of all cameras see the person from", together, capture, warn=poor)
+
+
+def check_common_size(cameras: Cameras, people: People) -> Iterator[Finding]:
+    """Check that the person fits into the part of the pictures that is tracked, which has one size for all views."""
+    limit = np.min(np.asarray(cameras.sizes), axis=0)
+    for camera, (name, size) in enumerate(zip(cameras.names, np.asarray(cameras.sizes), strict=True)):
+        largest = np.zeros(2)
+        for frame, points in people.items():
+            image = _image(cameras, camera, frame, points)[0]
+            spread = (_BODY - 1) / 2 * np.ptp(image, axis=0)
+            ends = np.clip([image.min(0) - spread, image.max(0) + spread], 0, size)
+            largest = np.maximum(largest, ends[1] - ends[0])
+        if (largest > limit).any():
+            yield Finding(
+                "warning",
+                name,
+                f"the person takes about {largest[0]:.0f}x{largest[1]:.0f} pixels of {name}'s picture, but only "
+                f"{limit[0]}x{limit[1]} of each view are tracked, the least width and height of all pictures: what is "
+                "beyond, head and feet perhaps, is guessed; film from farther, or with all cameras held the same way "
+                "up",
+            )
+
+
+def _image(
+    cameras: Cameras, camera: int, frame: int, points: Float[np.ndarray, "25 3"]
+) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
+    """Project the points that are known; pixels and depths."""
+    pose = np.asarray(cameras.cam_from_world[camera, frame], float)
+    seen = points[np.isfinite(points).all(axis=1)] @ pose[:3, :3].T + pose[:3, 3]
+    image = seen @ np.asarray(cameras.intrinsics[camera], float).T
+    return image[:, :2] / image[:, 2:], seen[:, 2]
 
 
 def _ratio(geometries: list[ViewGeometry]) -> float:
@@ -103,15 +136,12 @@ def _places(poses: np.ndarray, people: People) -> Float[np.ndarray, "frame 3"] |
 def _in_picture(capture: Capture, cameras: Cameras, people: People) -> Iterator[Finding]:
     """Per camera, at the frames whose keypoints are triangulated: how large the person is, and what is cut off."""
     for camera, name in enumerate(cameras.names):
-        matrix = np.asarray(cameras.intrinsics[camera], float)
         width, height = cameras.sizes[camera]
         cut, sizes, inside, total = [], [], 0, 0
         for frame, points in people.items():
-            pose = np.asarray(cameras.cam_from_world[camera, frame], float)
-            seen = points[np.isfinite(points).all(axis=1)] @ pose[:3, :3].T + pose[:3, 3]
-            image = seen @ matrix.T
-            x, y = image[:, 0] / image[:, 2], image[:, 1] / image[:, 2]
-            here = (seen[:, 2] > 0) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            image, depth = _image(cameras, camera, frame, points)
+            x, y = image.T
+            here = (depth > 0) & (x >= 0) & (x < width) & (y >= 0) & (y < height)
             inside, total = inside + int(here.sum()), total + len(here)
             sizes.append(float(np.ptp(y)) / height)
             if not here.all():

@@ -8,7 +8,6 @@ from pathlib import Path
 import av
 import av.container
 import numpy as np
-from av.sidedata.sidedata import Type as SideDataType
 from jaxtyping import Float64, Int64, UInt8
 
 from jaxmocap._results import InputError
@@ -100,7 +99,7 @@ def index_video(path: Path) -> VideoIndex:
         raise InputError(f"video {path} does not tell when each of its frames is shown; convert it to MP4 first")
     values = np.unique(np.asarray(pts, np.int64))
     values = values[values >= first.pts]
-    matrix = first.side_data.get(SideDataType.DISPLAYMATRIX)
+    matrix = first.side_data.get("DISPLAYMATRIX")
     a, b, _, c, d = (1, 0, 0, 0, 1) if matrix is None else np.frombuffer(matrix, np.int32)[:5].astype(float)
     mirrored = bool(a * d - b * c < 0)
     turns = (round(first.rotation / 90) + 2 * mirrored) % 4  # the rotation tells where the flipped axis goes

@@ -23,7 +23,7 @@ from jaxmocap._files import write_json
 from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
 from jaxmocap._types import Quality
-from jaxmocap.capture import Capture, Detections, content_hash, path_hash
+from jaxmocap.capture import Capture, Detections, check_common_size, content_hash, path_hash, triangulated_people
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion
 from jaxmocap.observation import observe
@@ -171,6 +171,7 @@ def track_capture(
         checkpoint = Checkpoint(kept_in, run_inputs)
         capture, selection = with_selected_frames(capture, overrides, say)
         selected = capture.selected_frames or (0,)
+        _say_what_is_beyond(capture, say)
         capture.look_ahead(selected)
 
         def make() -> Prepared:
@@ -240,6 +241,13 @@ def track_capture(
     report_page(out, capture=capture, say=say)
     tell("report page", 1, 1)
     return motion
+
+
+def _say_what_is_beyond(capture: Capture, say: Callable[[str], None] | None) -> None:
+    """Say where the person does not fit into what is tracked of pictures of several shapes."""
+    if say is not None and len(set(capture.sizes)) > 1:
+        for finding in check_common_size(capture.cameras, triangulated_people(capture, capture.cameras, [])):
+            say(f"{finding.message[0].upper()}{finding.message[1:]}.")
 
 
 def _finished_motion(out: Path, inputs: dict[str, Any]) -> Motion:

@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_captures import PERSON, POSES, look_at_pose, write_keypoints, write_model
+from small_captures import PERSON, POSES, look_at_pose, make_video, write_keypoints, write_mask, write_model
 
 from jaxmocap._cli import run
 from jaxmocap._results import InputError
 from jaxmocap.camera import read_colmap_points
-from jaxmocap.capture import Finding, check
+from jaxmocap.capture import Capture, Finding, check
+from jaxmocap.pipeline._track_capture import _say_what_is_beyond
+
+TALL = "2 PINHOLE 64 96 60 60 32 48"
 
 
 def said(folder: Path, severity: str, *words: str) -> Finding:
@@ -72,6 +75,30 @@ def test_a_person_who_leaves_the_picture_and_one_far_away_are_named(small: Path)
         for frame in (0, 6):
             write_keypoints(small / "keypoints" / f"{name}_{frame:05d}_keypoints.json", pose)
     said(small, "warning", "of cam0's picture tall", "film from nearer")
+
+
+def test_a_person_larger_than_what_pictures_of_several_shapes_have_in_common_is_named(small: Path):
+    """cam1 is twice as tall as cam0, and its person higher than cam0's whole picture."""
+    near = {"cam0": look_at_pose(-12.0), "cam1": look_at_pose(12.0, 1.9)}
+    make_video(small / "cam1.mp4", size=(64, 96))
+    write_model(small / "cameras", near, 12)
+    lines = (small / "cameras" / "cameras.txt").read_text()
+    (small / "cameras" / "cameras.txt").write_text(lines.replace("2 PINHOLE 64 48 60 60 32 24", TALL))
+    for file in (small / "masks").glob("cam1*"):
+        write_mask(file, (64, 96))
+    for frame in (0, 6):
+        file = small / "keypoints" / f"cam1_{frame:05d}_keypoints.json"
+        write_keypoints(file, near["cam1"])
+        person = json.loads(file.read_text())
+        points = np.array(person["people"][0]["pose_keypoints_2d"]).reshape(25, 3) + [0, 24, 0]
+        file.write_text(json.dumps({"people": [{"pose_keypoints_2d": points.ravel().tolist()}]}))
+    finding = said(small, "warning", "pixels of cam1's picture, but only 64x48 of each view are tracked")
+    assert finding.where == "cam1"
+    told: list[str] = []
+    _say_what_is_beyond(Capture.open(small), told.append)
+    (sentence,) = told
+    assert sentence.startswith("The person takes about ")
+    assert finding.message[1:] in sentence
 
 
 def write_report(folder: Path, **changes: object) -> None:

@@ -47,12 +47,14 @@ def fitted(seen, generic):
     return fit_surface(generic[0], *seen)
 
 
+@pytest.mark.slow
 def test_most_of_what_is_missing_is_put_back_and_what_was_right_stays(fitted, generic):
     _, share = generic
     assert np.median(fitted.offsets[share > 0.9]) == pytest.approx(-THINNER, abs=0.4 * -THINNER)
     assert abs(np.median(fitted.offsets[share < 0.1])) < 0.1 * -THINNER
 
 
+@pytest.mark.slow
 def test_both_sides_move_alike_and_the_skeleton_stays(fitted, generic):
     character, share = generic
     left = np.asarray(character.vertices)[:, 0] > 0
@@ -63,6 +65,7 @@ def test_both_sides_move_alike_and_the_skeleton_stays(fitted, generic):
     np.testing.assert_allclose(distance, np.abs(fitted.offsets), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_poses_stay_where_they_were_right(fitted, seen, filmed):
     for frame, pose in fitted.poses.items():
         moved = skin(filmed.character, pose) - skin(filmed.character, seen[0][frame])

@@ -63,6 +63,7 @@ def test_known_pose_is_recovered(world, keypoints, solve):
     assert np.all((pose.angles >= skeleton.lower) & (pose.angles <= skeleton.upper))
 
 
+@pytest.mark.slow
 def test_one_wrong_keypoint_is_outvoted(world, keypoints, solve):
     wrong = [keypoints[0].copy(), keypoints[1]]
     wrong[0][4, :2] += 60  # the right wrist, in one view
@@ -79,6 +80,7 @@ def test_without_hips_the_root_is_found_from_eight_directions(world, keypoints, 
     assert np.delete(errors, [list(POINTS).index(name) for name in ("l_hip", "r_hip")]).max() < 0.03
 
 
+@pytest.mark.slow
 def test_one_view_is_enough_for_the_person_to_stand_where_he_does(world, keypoints, solve):
     """What the view shows is met; depth, which only the size of the body tells, is near."""
     pose, rms = solve([keypoints[0], None])

@@ -58,6 +58,7 @@ def test_weights_are_a_partition_over_four_bones_and_no_triangle_turns_out(rigge
     assert rigged.report["turned_out"] == pytest.approx(turned_out(rigged.character), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_blends_are_widened_where_the_skin_would_turn_inside_out_and_nowhere_else(rigged, relaxed, monkeypatch):
     monkeypatch.setattr(_bind, "_ROUNDS", 0)
     heat = rig(relaxed[:2])
@@ -69,7 +70,8 @@ def test_blends_are_widened_where_the_skin_would_turn_inside_out_and_nowhere_els
     np.testing.assert_allclose(rigged.character.weights[shin], heat.character.weights[shin], atol=0.01)
 
 
-@pytest.mark.parametrize("num_faces", [1000, pytest.param(12_000, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("num_faces", [1000, 12_000])
 def test_meshes_of_few_and_of_many_triangles_do_not_turn_out(num_faces, relaxed):
     mesh = trimesh.Trimesh(*relaxed[:2], process=False)
     if num_faces > len(mesh.faces):

@@ -55,6 +55,7 @@ def found(views: Views, rest: np.ndarray, sway, used=np.ones(VIEWS, bool)):
     return sway
 
 
+@pytest.mark.slow
 def test_outlines_tell_how_the_body_moves_across_each_view(swaying, skeleton):
     views, rest, moves = swaying
     sway = found(views, rest, skeleton)
@@ -67,6 +68,7 @@ def test_outlines_tell_how_the_body_moves_across_each_view(swaying, skeleton):
     assert np.abs(sway.amounts.mean(axis=0)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_view_that_is_not_used_follows_its_neighbours(swaying, skeleton):
     views, rest, _ = swaying
     used = np.arange(VIEWS) != 7
