@@ -1,6 +1,6 @@
 """Seconds per frame by stage, start-up apart, with the accuracy beside them and the peak memory.
 
-    python benchmarks/stages.py ../shared/data/plaza --gate benchmarks/stages_plaza.json
+    python benchmarks/stages.py ../shared/data/plaza [--out FIGURES.json] [--gate BASELINE.json]
 
 Every figure is a small record: metric, value, unit, direction ("lower" is better), tolerance (relative, for `--gate`).
 `--gate BASELINE.json` exits with 1 when a figure is worse than the baseline by more than its tolerance. Times are means

@@ -34,7 +34,7 @@ def main() -> int:
             raise SystemExit(f"{folder} has no uncertainty, or its truth no joints.")
         errors = joint_errors(evaluated, truth.joints, truth.joint_names)
         deviations = np.asarray(errors.deviations)[np.isfinite(errors.raw)]
-        name = motion.provenance.get("capture_name", folder.name)
+        name = "/".join(folder.resolve().parts[-2:])  # two seeds of one capture have figures of their own
         for share in SHARES:
             figures.append(
                 record(f"{name}: coverage of the {share:.0%} region", errors.coverage(share), "", 0.1, "higher")

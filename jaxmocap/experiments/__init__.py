@@ -7,6 +7,7 @@ from ._gate import (
     complaints as complaints,
     figure as figure,
     figures_of as figures_of,
+    read_baseline as read_baseline,
     worse as worse,
     write_figures as write_figures,
 )

@@ -111,7 +111,7 @@ def read_baseline(path: Path, **about: Any) -> list[dict[str, Any]]:
     try:
         whole = json.loads(path.read_text())
         baseline = whole["figures"]
-        _ = {entry["metric"] for entry in baseline}  # raises where entries are no figures
+        _ = {entry["metric"]: float(entry["value"]) for entry in baseline}  # raises where entries are no figures
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"the baseline {path} cannot be read ({error}); give the figures.json of an earlier run."

@@ -2,6 +2,8 @@
 
 import json
 import re
+from argparse import ArgumentParser
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -191,6 +193,36 @@ def test_baselines_that_do_not_fit_are_refused(rows, tmp_path):
     (tmp_path / "other.json").write_text(json.dumps({"figures": [{"metric": "x", "value": 1.0}]}))
     with pytest.raises(InputError, match="other experiments"):
         complaints(figures_of(rows), tmp_path / "other.json")
+
+
+def test_a_benchmark_passes_its_gate_only_where_everything_was_compared(tmp_path, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
+    from figures import add_options, finish, record
+
+    def measured(figures, *words, **about):
+        parser = ArgumentParser()
+        add_options(parser)
+        code = finish(figures, parser.parse_args(list(map(str, words))), **about)
+        return code, capsys.readouterr().err
+
+    kept, two = tmp_path / "new" / "kept.json", [record("time", 2.0, "s", 0.1), record("error", 3.0, "cm", 0.1)]
+    assert measured(two, "--out", kept, capture="plaza", device="a") == (0, "")
+    assert measured(two, "--gate", kept, capture="plaza", device="b") == (0, "")
+    assert measured(two[:1], "--gate", kept) == (1, "error: not measured this time\n")
+    for figures, capture, words in (
+        (two, "street", "has capture plaza, this run street"),
+        ([record("another", 1.0, "s", 0.1)], "plaza", "no figure in common"),
+    ):
+        code, said = measured(figures, "--gate", kept, "--out", tmp_path / "lost.json", capture=capture)
+        assert code == 1
+        assert words in said
+        assert (tmp_path / "lost.json").is_file()
+    assert measured([record("time", 4.0, "s", 0.1), two[1]], "--gate", kept, "--out", kept)[0] == 1
+    (tmp_path / "broken.json").write_text(json.dumps({"figures": [two[0] | {"value": None}]}))
+    for name in ("none.json", "broken.json"):
+        with pytest.raises(SystemExit):
+            measured(two, "--gate", tmp_path / name)
+        assert "cannot be read" in capsys.readouterr().err
 
 
 def test_worse_goes_by_direction():

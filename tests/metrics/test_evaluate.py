@@ -265,6 +265,20 @@ def _printed(scores):
     return " ".join(console.export_text().split())
 
 
+def test_the_uncertainty_of_two_seeds_of_a_capture_is_told_apart(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
+    import uncertainty
+
+    path = _write(tmp_path / "truth.npz", _truth(_motion()))
+    covariance = np.broadcast_to(1e-4 * np.eye(3, dtype=np.float32), (*_motion().joints.shape, 3))
+    about = {"truth": str(path), "capture_name": "plaza"}
+    folders = [str(_motion(covariance=covariance, provenance=about).save(tmp_path / f"seed{n}")) for n in range(2)]
+    monkeypatch.setattr("sys.argv", ["uncertainty.py", *folders, "--out", str(tmp_path / "figures.json")])
+    assert uncertainty.main() == 0
+    figures = json.loads((tmp_path / "figures.json").read_text())["figures"]
+    assert len({figure["metric"] for figure in figures}) == len(figures) == 14
+
+
 def test_the_table_shows_every_error(motion, tmp_path):
     scores = evaluate(motion, _write(tmp_path / "truth.npz", _truth(motion)))
     text = _printed(scores | {"marker_error_cm": {"mean": 4.23, "min": 2.48, "max": 6.2, "p95": 9.0}})
