@@ -1,18 +1,21 @@
 """Many takes, each brought to its result once, whatever happens to the others or to the process."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from jaxmocap._files import is_clutter, write_csv, write_json, write_text
 from jaxmocap._results import InputError
 from jaxmocap._types import Quality
 
 from ._batch_page import batch_headline, batch_page
-from ._run_folder import LOCK, only_run
-from ._take import TakeOptions
+from ._run_folder import LOCK, finished, only_run
+from ._take import Take, TakeOptions
 from ._take_list import examine_takes, takes_of
 from ._take_result import TakeResult, attempt, failed, waiting
 from ._workers import on_workers
@@ -75,7 +78,8 @@ def batch(
     that was cut off goes on from its checkpoint, to the same bytes, and one that failed is tried again. A take that
     fails stops no other. `workers` processes share the takes, or a Dask cluster whose `scheduler` is named, as
     `on_workers` says; all machines must then see the folders, and the program that calls this needs the usual
-    `if __name__ == "__main__":`. `out/batch.json`, `batch.csv` and the page `index.html` are written after every take.
+    `if __name__ == "__main__":`. `out/batch.json`, `batch.csv` and the page `index.html` are written after every take;
+    they keep the takes of earlier calls whose folders are there.
 
     Raises `InputError` where anything that is given cannot be used, before a take is tracked.
     """
@@ -86,8 +90,9 @@ def batch(
     _refuse_folder(out, [take.name for take in todo])
     examine_takes(todo, out)
     shared = on_workers(partial(attempt, out=out), todo, failed, workers, scheduler)
-    results = {take.name: waiting(take) for take in todo}
     with only_run(out, out):
+        earlier = _earlier(out)
+        results = {take.name: _until_its_turn(take, earlier.pop(take.name, None)) for take in todo} | earlier
         _write(list(results.values()), out)
         progress("takes", 0, len(todo))
         try:
@@ -99,7 +104,7 @@ def batch(
         except KeyboardInterrupt:
             say(f"What is done is kept in {out}; the same again goes on from there.")
             raise
-    return Batch(tuple(results.values()), out, out / INDEX)
+    return Batch(tuple(results[take.name] for take in todo), out, out / INDEX)
 
 
 def _refuse_folder(out: Path, names: Sequence[str]) -> None:
@@ -112,6 +117,23 @@ def _refuse_folder(out: Path, names: Sequence[str]) -> None:
         raise InputError(f"the output {out} is a file; a folder was expected, choose another with --out.")
     if out.is_dir() and not (out / RECORD).is_file() and not all(is_clutter(entry.name) for entry in out.iterdir()):
         raise InputError(f"{out} holds files that no batch wrote; choose a new or an empty folder with --out.")
+
+
+def _earlier(out: Path) -> dict[str, TakeResult]:
+    """Read the rows of earlier calls whose takes have a folder; none of a record that is missing or damaged."""
+    try:
+        record = json.loads((out / RECORD).read_text(encoding="utf-8"))
+        rows = TypeAdapter(list[TakeResult]).validate_python(record["takes"])
+        return {row.name: row for row in rows if (out / row.name).is_dir()}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return {}
+
+
+def _until_its_turn(take: Take, earlier: TakeResult | None) -> TakeResult:
+    """Keep what an earlier call said of a take that has its result; any other waits."""
+    if earlier is not None and earlier.folder is not None and finished(earlier.folder):
+        return earlier
+    return waiting(take)
 
 
 def _write(takes: Sequence[TakeResult], out: Path) -> None:

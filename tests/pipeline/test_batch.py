@@ -173,6 +173,35 @@ def test_an_interruption_passes_and_the_page_says_what_is_still_to_do(takes, tra
     assert [take.way for take in batch(takes, tmp_path / "out").takes] == ["kept", "tracked", "tracked"]
 
 
+def test_the_record_keeps_the_takes_of_earlier_calls(takes, tracked, tmp_path, monkeypatch):
+    """Those of another call, and those of this one until their turn; not those whose folder is gone."""
+    out = tmp_path / "out"
+    kept = json.loads(batch(takes[1:], out).index.with_name("batch.json").read_text())["takes"]
+
+    def interrupted(path, out, **options):
+        raise KeyboardInterrupt
+
+    def ways():
+        return {take["name"]: take["way"] for take in json.loads((out / "batch.json").read_text())["takes"]}
+
+    with monkeypatch.context() as patch:
+        patch.setattr(_take, "track_capture", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            batch(takes, out)
+    assert json.loads((out / "batch.json").read_text())["takes"][1:] == kept
+    assert ways() == {"walk": "waiting", "jump & run": "tracked", "odd": "tracked"}
+    assert [take.name for take in batch(takes[:1], out).takes] == ["walk"]
+    assert ways() == {"walk": "tracked", "jump & run": "tracked", "odd": "tracked"}
+    assert "odd/report.html" in (out / "index.html").read_text()
+    shutil.rmtree(out / "odd")
+    batch(takes[:1], out)
+    assert ways() == {"walk": "kept", "jump & run": "tracked"}
+    for damaged in ("", "[]", '{"takes": [{"name": 3}]}', '{"takes": null}', "\x00"):
+        (out / "batch.json").write_text(damaged)
+        batch(takes[:1], out)
+        assert ways() == {"walk": "kept"}
+
+
 def refused(arguments: list, capsys) -> str:
     """The sentence with which a batch is refused."""
     assert command(["batch", *map(str, arguments)]) == 2
