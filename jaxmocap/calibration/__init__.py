@@ -13,6 +13,7 @@ from ._in_place import (
     calibrate_in_place as calibrate_in_place,
     refine_cameras as refine_cameras,
     scale_cameras as scale_cameras,
+    scale_in_place as scale_in_place,
 )
 from ._pictures import PlacedPictures as PlacedPictures, calibrate_pictures as calibrate_pictures
 from ._refine import RefinedCameras as RefinedCameras

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,14 @@ REPORT = "refinement.json"
 _REPORTS = ("calibration.json", "uncertainty.json")
 
 
-def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: Any) -> Calibration:
+def calibrate_in_place(
+    path: str | Path, *, replace: bool = False, naming: Callable[[str], None] = lambda name: None, **options: Any
+) -> Calibration:
     """Calibrate the capture at `path`, write the result to a folder in it and name that in `capture.toml`, with the
     offsets where the person told them better and the frames that it names are still shared.
 
     Raises `InputError` if `capture.toml` names cameras already, unless `replace`; the old ones stay where they are.
-    `options` are those of `calibrate`.
+    `naming` is told the folder's name before `capture.toml` gets it. `options` are those of `calibrate`.
     """
     file = refuse_named_cameras(path, replace)
     capture = Capture.open(file, with_cameras=False)
@@ -43,6 +46,7 @@ def calibrate_in_place(path: str | Path, *, replace: bool = False, **options: An
             calibration, offsets=capture.offsets, record={**calibration.record, "time": time}
         )
     calibration.save(folder)
+    naming(folder.name)
     text = with_cameras_line(_text(file), folder.name, file)
     if calibration.offsets != capture.offsets:
         text = with_offsets(text, calibration.offsets, file)
@@ -146,6 +150,11 @@ def scale_cameras(path: str | Path, factor: float, *, progress: Report = lambda 
     Returns the new folder. Raises `InputError`, with nothing changed, where the factor is no positive number, the
     cameras are not a COLMAP model as `calibrate` writes it, or the folder cannot be written to.
     """
+    return scale_in_place(path, factor, lambda name: None, progress)
+
+
+def scale_in_place(path: str | Path, factor: float, naming: Callable[[str], None], progress: Report) -> Path:
+    """Do what `scale_cameras` does; `naming` is told the new folder's name before `capture.toml` gets it."""
     if not (np.isfinite(factor) and factor > 0):
         raise InputError(f"the factor to scale cameras by is {factor:g}; a positive number was expected")
     file = refuse_named_cameras(path, replace=True)
@@ -169,9 +178,10 @@ def scale_cameras(path: str | Path, factor: float, *, progress: Report = lambda 
                 record, table = (json.loads((source / name).read_text(encoding="utf-8")) for name in _REPORTS)
                 for name, report in zip(_REPORTS, rescaled(record, table, factor), strict=True):
                     write_json(partial / name, report)
-        name_cameras(file, folder.name)
         with atomic_path(folder / "calibration.png") as picture:
-            picture.write_bytes(png_bytes(draw_cameras(Capture.open(file))))
+            picture.write_bytes(png_bytes(draw_cameras(dataclasses.replace(capture, cameras_path=folder))))
+        naming(folder.name)
+        name_cameras(file, folder.name)
     except OSError as error:
         raise InputError(f"{folder} cannot be written: {error.strerror}") from error
     except (ValueError, KeyError, TypeError) as error:

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from jaxmocap import calibration
 from jaxmocap._results import InputError
@@ -75,8 +76,13 @@ def calibrate(
         raise InputError(
             f"{len(paths)} paths were given; give one capture folder, or two or more videos and a new folder with --out"
         )
-    _say_if_unsynchronised(paths[0], say)
-    found = calibrate_in_place(paths[0], replace=replace, **options)
+    return calibrate_folder(paths[0], say, replace=replace, **options)
+
+
+def calibrate_folder(folder: str | Path, say: Callable[[str], None], **options: Any) -> Calibration:
+    """Calibrate the capture in a folder; `options` are those of `calibrate_in_place`."""
+    _say_if_unsynchronised(folder, say)
+    found = calibrate_in_place(folder, **options)
     _say_what_time(found, say)
     return found
 

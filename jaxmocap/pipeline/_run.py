@@ -94,14 +94,15 @@ def run(
         seed=seed,
     )
     out = Path(out)
-    record = RunRecord(out)
+    RunRecord(out)  # raises where no run may write
 
     def tell(sentence: str) -> None:
         say(in_a_run(sentence, work.folder))
 
-    work = RunWork(examine(videos, options), out, options, record, tell, progress)
+    indices = examine(videos, options)
     took: dict[str, float] = {}
     with only_run(out, out):
+        work = RunWork(indices, out, options, RunRecord(out), tell, progress)
         work.forget_deleted()
         plan(plan_of(work))
         for stage in stages_of(work):
@@ -113,7 +114,7 @@ def run(
             begin = time.perf_counter()
             made = do_stage(work, stage)
             took[stage.name] = time.perf_counter() - begin
-            record.set(stage.name, stage.inputs(), made, took[stage.name])
+            work.record.set(stage.name, stage.inputs(), made, took[stage.name])
         folder, motion, page = work.result()
     return RunResult(motion, work.folder, folder, page, took)
 

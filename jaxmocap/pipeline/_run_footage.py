@@ -25,7 +25,7 @@ from jaxmocap.capture import (
 )
 from jaxmocap.detection import VideoKeypoints
 
-from ._calibrate import calibrate
+from ._calibrate import calibrate_folder
 from ._detect import detect
 from ._run_inputs import RunInputs
 from ._run_options import span_within
@@ -90,6 +90,17 @@ class FootageWork(RunInputs):
         if self.record.made(stage) != made:
             self.record.set(stage, None, made)
 
+    def _announce(self, stage: str, line: str, made: Any) -> None:
+        """Note what a stage is about to write into a line of `capture.toml`, which is empty until then.
+
+        Whenever the run is cut off, nothing seems to be set by hand.
+        """
+        self._set(**{line: None})
+        self.record.set(stage, None, made)
+
+    def _naming_cameras(self, name: str) -> None:
+        self._announce("calibrate", "cameras", name)
+
     def make_capture(self) -> Any:
         """Make the capture folder, with links to the videos."""
         if self.record.begun("capture") and self.folder.exists():
@@ -153,6 +164,7 @@ class FootageWork(RunInputs):
             folder = free_name(self.folder, "keypoints")
             with atomic_folder(folder) as partial:
                 self._copy_keypoints(options.keypoints, partial)
+            self._announce("detect", "keypoints", folder.name)
             self._set(keypoints=folder.name)
             return folder.name
         return self._find_person()
@@ -193,20 +205,20 @@ class FootageWork(RunInputs):
         """Find the cameras."""
         self._forget("body")
         options, synchronised = self.options, self.offsets()
-        found = calibrate(
+        found = calibrate_folder(
             self.folder,
+            self.say,
             replace=True,
+            naming=self._naming_cameras,
             height=options.height,
             camera_distance=options.camera_distance,
             focal=dict(options.focal),
             static=options.static or None,
-            frames=span_within(options.frames, self._open(with_cameras=False).num_frames),
+            frames=span_within(options.frames, self._open(with_cameras=False).num_frames) or (0, None),
             keep_offsets=bool(options.offset) or self.offsets() != self.record.made("synchronise"),
             seed=options.seed,
-            say=self.say,
             progress=self.progress,
         )
-        self._wrote("calibrate", self.config().cameras)
         for warning in found.record["warnings"]:
             self.say(f"Warning: {warning}.")
         if self.offsets() != synchronised:
@@ -233,6 +245,7 @@ class FootageWork(RunInputs):
         )
         folder = free_name(self.folder, "cameras")
         write_cameras(_level_camera(name, size, focal, capture.num_frames), folder, "colmap", capture.video_frames)
+        self._naming_cameras(folder.name)
         self._set(cameras=folder.name)
         return folder.name
 

@@ -8,6 +8,8 @@ from jaxmocap._cache import digest
 from jaxmocap._files import is_clutter, plain, write_json
 from jaxmocap._results import InputError
 
+from ._run_folder import LOCK
+
 RECORD = "run.json"
 _VERSION = 1
 
@@ -27,7 +29,7 @@ class RunRecord:
         if not out.is_dir():
             raise InputError(f"{out} is a file; a folder for the run was expected, choose another with --out")
         if not self._file.is_file():
-            if not all(is_clutter(entry.name) for entry in out.iterdir()):
+            if not all(is_clutter(entry.name) or _of_a_first_stage(entry.name) for entry in out.iterdir()):
                 raise InputError(f"{out} holds files that no run wrote; choose a new or an empty folder with --out")
             return
         try:
@@ -35,8 +37,8 @@ class RunRecord:
             self._stages = dict(content["stages"]) if content["version"] == _VERSION else {}
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(
-                f"{self._file} cannot be read ({error}); choose another folder, or delete that file and every stage is "
-                "done again"
+                f"{self._file} cannot be read ({error}); choose another folder with --out, or delete {out} and every "
+                "stage is done again"
             ) from error
 
     def done(self, stage: str, inputs: Any) -> bool:
@@ -64,3 +66,8 @@ class RunRecord:
             "seconds": before if seconds is None else round(seconds, 1),
         }
         write_json(self._file, {"version": _VERSION, "stages": self._stages})
+
+
+def _of_a_first_stage(name: str) -> bool:
+    """Tell whether a run that is in its first stage, or was killed in it, leaves a file of this name."""
+    return name == LOCK or (name.startswith(".") and ".partial." in name)

@@ -13,7 +13,7 @@ from jaxmocap._cache import code_hash, machine
 from jaxmocap._files import atomic_path, free_name
 from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
-from jaxmocap.calibration import scale_cameras
+from jaxmocap.calibration import scale_in_place
 from jaxmocap.character import BodyShape, Character, scaled, stature
 from jaxmocap.motion import Motion
 from jaxmocap.rigging import brings_skin, open_actor
@@ -66,6 +66,7 @@ class RunWork(FootageWork):
                 shutil.copyfile(options.actor, partial)
             else:
                 character.save_glb(partial, colours)
+        self._announce("body", "actor", file.name)
         self._set(actor=file.name)
         return file.name
 
@@ -81,7 +82,7 @@ class RunWork(FootageWork):
 
     def _scale_cameras(self, factor: float) -> None:
         """Make the cameras' world as large as the person's outlines and height say."""
-        folder = scale_cameras(self.folder, factor, progress=self.progress)
+        folder = scale_in_place(self.folder, factor, self._naming_cameras, self.progress)
         self.record.set("calibrate", self.of_calibrate(), folder.name)
         self.say(f"The outlines and the height tell the scale: the cameras' positions were multiplied by {factor:.3f}.")
 
@@ -89,6 +90,7 @@ class RunWork(FootageWork):
         """Choose the selected frames."""
         capture = self._open()
         _, chosen = with_selected_frames(replace(capture, selected_frames=None), within=self.options.frames)
+        self._announce("selected frames", "selected_frames", chosen["frames"])
         self._set(selected_frames=chosen["frames"])
         self.say(f"Selected frames: {', '.join(map(str, chosen['frames']))}; {chosen['reason']}.")
         return chosen["frames"]

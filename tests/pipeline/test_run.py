@@ -5,6 +5,7 @@ The stages themselves have tests of their own; here stand-ins write what they wo
 
 import json
 import shutil
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +21,7 @@ from jaxmocap.camera import read_cameras
 from jaxmocap.capture import Capture, PersonOffset, config_path, with_lines, with_offsets
 from jaxmocap.character import Character, Pose, stature
 from jaxmocap.motion import Motion
-from jaxmocap.pipeline import RunResult, _run_footage, _run_options, _run_work, run
+from jaxmocap.pipeline import RunResult, _run_folder, _run_footage, _run_options, _run_work, run
 from jaxmocap.pipeline._made_to_measure import MadeBody
 from jaxmocap.rigging import body
 
@@ -66,7 +67,7 @@ def done(monkeypatch, motion) -> list[str]:
         set_lines(folder, keypoints="keypoints")
         return SimpleNamespace(folder=folder / "keypoints")
 
-    def calibrate(folder, **options):
+    def calibrate(folder, say, naming, **options):
         names.append("calibrate")
         cameras = _run_footage.free_name(folder, "cameras")
         cameras.mkdir()
@@ -75,6 +76,7 @@ def done(monkeypatch, motion) -> list[str]:
         lost = {"left": {"interpolated": []}, "right_hand": {"interpolated": list(range(6, 12))}}
         scale = {"from": "height" if options["camera_distance"] is None else "camera distance"}
         (cameras / "calibration.json").write_text(json.dumps({"cameras": lost, "scale": scale}))
+        naming(cameras.name)
         set_lines(folder, cameras=cameras.name)
         return SimpleNamespace(record={"warnings": ["up is only guessed"]})
 
@@ -99,7 +101,7 @@ def done(monkeypatch, motion) -> list[str]:
         return motion
 
     stand_ins = {
-        "sync": sync, "detect": detect, "calibrate": calibrate, "character_of": character_of,
+        "sync": sync, "detect": detect, "calibrate_folder": calibrate, "character_of": character_of,
         "with_selected_frames": select, "track_capture": track_capture, "scan": scan,
     }  # fmt: skip
     for name, stand_in in stand_ins.items():
@@ -167,16 +169,17 @@ def test_cameras_that_are_scaled_with_the_body_are_not_taken_for_a_change_by_han
     def character_of(capture, **options):
         return MadeBody(body(options["height"]), camera_scale=0.97 if options["scale_cameras"] else 1.0)
 
-    def scale_cameras(folder, factor, progress):
+    def scale_in_place(folder, factor, naming, progress):
         factors.append(factor)
         scaled = shutil.copytree(folder / "cameras", folder / "cameras-2")
         (scaled / "factor").write_text(str(factor))
         file = config_path(folder)
+        naming("cameras-2")
         file.write_text(with_lines(file.read_text(), {"cameras": "cameras-2"}, file))
         return scaled
 
     monkeypatch.setattr(_run_work, "character_of", character_of)
-    monkeypatch.setattr(_run_work, "scale_cameras", scale_cameras)
+    monkeypatch.setattr(_run_work, "scale_in_place", scale_in_place)
     out, said = tmp_path / "dance", []
     assert again(videos, out, say=said.append)[1] == STAGES
     assert factors == [0.97]
@@ -206,17 +209,17 @@ def test_what_is_corrected_by_hand_counts_and_is_kept(videos, done, tmp_path):
 
 
 def test_a_stage_that_fails_is_named_and_what_was_done_stays(videos, done, tmp_path, monkeypatch):
-    out, good = tmp_path / "dance", _run_footage.calibrate
+    out, good = tmp_path / "dance", _run_footage.calibrate_folder
 
     def bad(*_, **__):
         raise InputError("camera 'left' shares no background with the others.")
 
-    monkeypatch.setattr(_run_footage, "calibrate", bad)
+    monkeypatch.setattr(_run_footage, "calibrate_folder", bad)
     with pytest.raises(InputError, match=r"stage 'calibrate' failed: camera 'left' .* others\. What you can do: "):
         again(videos, out)
     assert done == ["synchronise", "detect"]
     assert not list(tmp_path.glob("**/*.partial*"))
-    monkeypatch.setattr(_run_footage, "calibrate", good)
+    monkeypatch.setattr(_run_footage, "calibrate_folder", good)
     assert again(videos, out)[1] == STAGES[3:]
 
 
@@ -230,15 +233,15 @@ def test_a_body_that_was_made_of_other_keypoints_does_not_tell_the_scale_of_new_
     def noting(module, name):
         stand_in = getattr(module, name)
 
-        def noted(folder, **options):
+        def noted(folder, *told, **options):
             text = toml.read_text()
-            seen.append((name, "actor =" in text, "cameras =" in text))
-            return stand_in(folder, **options)
+            seen.append((name.removesuffix("_folder"), "actor =" in text, "cameras =" in text))
+            return stand_in(folder, *told, **options)
 
         monkeypatch.setattr(module, name, noted)
 
     noting(_run_footage, "detect")
-    noting(_run_footage, "calibrate")
+    noting(_run_footage, "calibrate_folder")
     first = [("detect", False, False), ("calibrate", False, False)]
     after = ("detect", False, True)  # views are held against each other with the cameras just found
     again(videos, out)
@@ -384,6 +387,29 @@ def test_a_run_that_is_cut_off_goes_on_whatever_it_was_doing(videos, done, tmp_p
     assert not any("by hand" in sentence for sentence in said)
 
 
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_cameras_of_a_run_that_is_killed_as_it_names_them_are_made_again(videos, done, tmp_path, monkeypatch, when):
+    out, good = tmp_path / "dance", _run_footage.calibrate_folder
+    again(videos, out)
+
+    def killed(folder, say, naming, **options):
+        if when == "after":
+            good(folder, say, naming, **options)
+        else:
+            naming("cameras-2")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as cut:
+        cut.setattr(_run_footage, "calibrate_folder", killed)
+        with pytest.raises(KeyboardInterrupt):
+            again(videos, out, height=1.7)
+    said: list[str] = []
+    assert "calibrate" in again(videos, out, height=1.6, say=said.append)[1]
+    assert not any("by hand" in sentence for sentence in said)
+    named = tomllib.loads((out / "capture" / "capture.toml").read_text())["cameras"]
+    assert (out / "capture" / named / "height").read_text() == "1.6"
+
+
 def test_where_nothing_else_tells_the_time_keypoints_are_asked(videos, done, tmp_path, monkeypatch):
     def bad(*_, **__):
         raise InputError("right cannot be synchronised with left")
@@ -423,10 +449,10 @@ def test_offsets_that_are_known_are_taken_and_others_are_not_looked_for(videos, 
 
 
 def test_offsets_that_the_person_corrects_are_no_change_by_hand(videos, done, tmp_path, monkeypatch):
-    stand_in, kept = _run_footage.calibrate, []
+    stand_in, kept = _run_footage.calibrate_folder, []
 
-    def calibrate(folder, **options):
-        stand_in(folder, **options)
+    def calibrate(folder, say, **options):
+        stand_in(folder, say, **options)
         kept.append(options["keep_offsets"])
         file = config_path(folder)
         if not options["keep_offsets"]:
@@ -434,7 +460,7 @@ def test_offsets_that_the_person_corrects_are_no_change_by_hand(videos, done, tm
 
         return SimpleNamespace(record={"warnings": []})
 
-    monkeypatch.setattr(_run_footage, "calibrate", calibrate)
+    monkeypatch.setattr(_run_footage, "calibrate_folder", calibrate)
     assert again(videos, tmp_path / "dance")[1] == STAGES
     assert again(videos, tmp_path / "dance")[1] == []
     file = tmp_path / "dance" / "capture" / "capture.toml"
@@ -559,6 +585,18 @@ def test_folders_of_others_and_of_other_videos_are_left_alone(videos, done, tmp_
     with pytest.raises(InputError, match="holds a run of other videos"):
         run(videos[:1], out, height=1.8)
     assert (out / "result" / "motion.npz").is_file()
+
+
+def test_a_run_that_was_killed_in_its_first_stage_is_repeated_and_one_at_work_is_left_alone(videos, done, tmp_path):
+    out = tmp_path / "dance"
+    with _run_folder.only_run(out, out), pytest.raises(InputError, match="another run is writing to"):
+        run(videos, out, height=1.8)
+    (out / ".0123456789ab.partial.capture").mkdir(parents=True)
+    (out / "lock").write_text("")
+    assert again(videos, out)[1] == STAGES
+    (out / "run.json").write_text("{")
+    with pytest.raises(InputError, match=r"run\.json cannot be read .* or delete \S+dance and every stage"):
+        run(videos, out, height=1.8)
 
 
 def test_the_command_prints_plan_and_report(videos, done, tmp_path, capsys):

@@ -26,11 +26,11 @@ def test_videos_and_keypoints_become_a_motion(tmp_path, monkeypatch):
 
     monkeypatch.setattr(_run_footage, "sync", sync)
 
-    def calibrate(folder: Path, **_):
+    def calibrate(folder: Path, say, **_):
         adopt_cameras(folder, source / "cameras")
         return type("Found", (), {"record": {"warnings": []}})()
 
-    monkeypatch.setattr(_run_footage, "calibrate", calibrate)
+    monkeypatch.setattr(_run_footage, "calibrate_folder", calibrate)
     height = float(stature(filmed.character))
     said: list[str] = []
     result = run(
