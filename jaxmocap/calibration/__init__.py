@@ -6,7 +6,12 @@
 `_joint_adjustment` solves. `_in_place` does either to a capture on disk. `_pictures` are single ones, of a scan.
 """
 
-from ._calibrate import Calibration as Calibration, calibrate as calibrate, refuse_gaps as refuse_gaps
+from ._calibrate import (
+    Calibration as Calibration,
+    calibrate as calibrate,
+    check_camera_distance as check_camera_distance,
+    refuse_gaps as refuse_gaps,
+)
 from ._footage import PHONE_FOCAL as PHONE_FOCAL, usual_focal as usual_focal
 from ._in_place import (
     adopt_cameras as adopt_cameras,

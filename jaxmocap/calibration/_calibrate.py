@@ -194,10 +194,17 @@ def _moved(capture: Capture, clock: PersonClock) -> Capture:
 def _refuse_numbers(height: float | None, distance: float | None, up: tuple[float, float, float] | None) -> None:
     if height is not None and not 0.4 < height < 2.6:
         raise InputError(f"--height is {height:g}; the actor's height in metres was expected, such as 1.75")
-    if distance is not None and not 0.01 < distance < 200:
-        raise InputError(f"--camera-distance is {distance:g}; metres between the first two cameras were expected")
+    check_camera_distance(distance)
     if up is not None and not (np.isfinite(up).all() and np.linalg.norm(up) > 0):
         raise InputError(f"--up is {up}; three numbers, not all zero, were expected: x right, y down, z forward")
+
+
+def check_camera_distance(distance: float | None) -> None:
+    """Raise `InputError` for a distance between the first two cameras that no recording has; metres, None: unknown."""
+    if distance is not None and not 0.01 < distance < 200:
+        raise InputError(
+            f"--camera-distance is {distance:g}; metres between the first two cameras were expected, 0.01 to 200"
+        )
 
 
 def refuse_gaps(capture: Capture, interpolated: set[tuple[int, int]], frames: tuple[int, int | None]) -> None:

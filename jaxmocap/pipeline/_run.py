@@ -36,7 +36,7 @@ class RunResult:
 
 
 def run(
-    videos: Sequence[str | Path],
+    videos: str | Path | Sequence[str | Path],
     out: str | Path,
     *,
     height: float | None = None,
@@ -99,7 +99,7 @@ def run(
     def tell(sentence: str) -> None:
         say(in_a_run(sentence, work.folder))
 
-    indices = examine(videos, options)
+    indices = examine([videos] if isinstance(videos, str | Path) else videos, options)
     took: dict[str, float] = {}
     with only_run(out, out):
         work = RunWork(indices, out, options, RunRecord(out), tell, progress)
@@ -108,13 +108,13 @@ def run(
         for stage in stages_of(work):
             if given_by_hand(work, stage):
                 say(f"{stage.name}: {stage.line} was set by hand in capture.toml, and stays.")
-                continue
-            if done_before(work, stage):
-                continue
-            begin = time.perf_counter()
-            made = do_stage(work, stage)
-            took[stage.name] = time.perf_counter() - begin
-            work.record.set(stage.name, stage.inputs(), made, took[stage.name])
+            elif not done_before(work, stage):
+                begin = time.perf_counter()
+                made = do_stage(work, stage)
+                took[stage.name] = time.perf_counter() - begin
+                work.record.set(stage.name, stage.inputs(), made, took[stage.name])
+            if stage.name == "synchronise":
+                work.refuse_frames_not_shared()
         folder, motion, page = work.result()
     return RunResult(motion, work.folder, folder, page, took)
 

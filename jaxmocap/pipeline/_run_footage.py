@@ -139,6 +139,10 @@ class FootageWork(RunInputs):
             self.say(f"{note}.")
         return self.offsets()
 
+    def refuse_frames_not_shared(self) -> None:
+        """Raise `InputError` for frames to track that the videos, as they are synchronised, do not share."""
+        span_within(self.options.frames, shared_frames(self.indices, self.offsets()).shape[1])
+
     def _synchronise_by_person(self, error: InputError) -> Any:
         """Ask the keypoints, which are looked for now; the refusal stands where they are not sure either."""
         self.say("Neither flash, sound nor motion of the pictures tells when the videos began: keypoints are asked.")

@@ -3,11 +3,14 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
+from typing import get_args
 
 from jaxmocap._results import InputError
 from jaxmocap._types import Quality
-from jaxmocap.capture import VideoIndex, camera_names, index_video, refuse_single_pictures
+from jaxmocap.calibration import check_camera_distance
+from jaxmocap.capture import VideoIndex, camera_names, index_video, path_hash, refuse_single_pictures
 from jaxmocap.detection import require_runner
 from jaxmocap.rigging import check_height
 
@@ -57,12 +60,21 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
     """
     if not videos:
         raise InputError("no video is given; give one, or better two or three of the same moment")
+    if folder := next((video for video in videos if Path(video).is_dir()), None):
+        raise InputError(f"{folder} is a folder; the file of a video was expected")
     indices = [index_video(Path(video)) for video in videos]
     paths = [index.path.resolve() for index in indices]
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
         raise InputError(f"{twice} is given twice; give every video once")
+    for one, other in combinations(paths, 2):
+        if one.stat().st_size == other.stat().st_size and path_hash(one) == path_hash(other):
+            raise InputError(f"{one} and {other} are the same film; give every video once")
     refuse_single_pictures(indices)
+    if options.quality not in get_args(Quality):
+        raise InputError(f"--quality is {options.quality!r}; one of {', '.join(get_args(Quality))} was expected")
+    if not 0 <= options.seed < 2**31:
+        raise InputError(f"--seed is {options.seed}; a whole number from 0 to {2**31 - 1} was expected")
     start, stop = options.frames
     behind = indices[0].num_frames if stop is None else stop
     if not 0 <= start < behind <= indices[0].num_frames:
@@ -124,9 +136,7 @@ def _examine_cameras(indices: Sequence[VideoIndex], options: RunOptions) -> None
                 f"--person {name}={x:g},{y:g} lies outside the pictures of {width} x {height} pixels; give a pixel on "
                 "the person in the first picture that all videos share"
             )
-    distance = options.camera_distance
-    if distance is not None and not 0.01 < distance < 1000:
-        raise InputError(f"--camera-distance is {distance:g}; metres between the first two cameras were expected")
+    check_camera_distance(options.camera_distance)
 
 
 def _offset_wanted(names: Sequence[str]) -> str:
@@ -150,6 +160,7 @@ def span_within(frames: tuple[int, int | None], num_frames: int) -> tuple[int, i
     behind = num_frames if stop is None else stop
     if not 0 <= first < behind <= num_frames:
         raise InputError(
-            f"frames {first}:{behind} were asked for, but the videos share {num_frames} frames, 0 to {num_frames - 1}"
+            f"frames {first}:{behind} were asked for, but the videos share {num_frames} frames, 0 to {num_frames - 1}; "
+            "choose others with --frames"
         )
     return first, behind

@@ -263,6 +263,16 @@ def test_an_offset_with_which_nothing_is_shared_is_refused_at_once(videos, done,
     assert again(videos, tmp_path / "dance", offset={"right_hand": 0.04})[1] == STAGES[1:]
 
 
+def test_frames_that_are_not_shared_are_refused_before_anybody_is_looked_for(videos, done, tmp_path):
+    told = {"offset": {"right_hand": 0.2}, "frames": (0, 12)}
+    for _ in range(2):
+        with pytest.raises(
+            InputError, match=r"frames 0:12 were asked for, but the videos share \d frames, .* --frames"
+        ):
+            run(videos, tmp_path / "dance", height=1.8, **told)
+    assert done == []
+
+
 def test_a_pair_that_nothing_ties_directly_is_no_obstacle(videos, done, tmp_path, monkeypatch):
     stand_in, said = _run_footage.sync, []
 
@@ -541,6 +551,10 @@ def test_one_video_is_not_synchronised_and_has_a_camera_that_stands_still(videos
         ({"person": {"me": (1, 2)}}, "--person names 'me'"),
         ({"person": {"right_hand": (50, 2)}}, "--person right_hand=50,2 lies outside the pictures of 48 x 64 pixels"),
         ({"camera_distance": -3}, "--camera-distance is -3; metres"),
+        ({"camera_distance": 235}, "--camera-distance is 235; metres .*, 0.01 to 200"),
+        ({"seed": -1}, "--seed is -1; a whole number from 0 to 2147483647 was expected"),
+        ({"seed": 2**31}, "--seed is 2147483648; a whole number"),
+        ({"quality": "fast"}, "--quality is 'fast'; one of draft, normal, paper was expected"),
         ({"scan": "nowhere.mp4"}, "--scan nowhere.mp4 does not exist"),
         ({"scan": "walk.mp4", "actor": "me.glb"}, "--scan and --actor are given"),
         ({"scan": "walk.mp4", "height": None, "camera_distance": 2.0}, "--scan does not tell how large the person is"),
@@ -560,6 +574,10 @@ def test_videos_that_cannot_be_used_are_refused(videos, done, tmp_path):
         ([videos[0], broken], "broken.mp4"),
         ([videos[0], tmp_path / "gone.mp4"], "gone.mp4"),
         ([videos[0], videos[0]], "given twice"),
+        ([videos[0], shutil.copy(videos[0], tmp_path / "copy.mp4")], r"left\.mp4 and .*copy\.mp4 are the same film"),
+        (videos[0].with_name("lone.mp4"), r"lone\.mp4 does not exist"),
+        (str(videos[0].with_name("lone.mp4")), r"lone\.mp4 does not exist"),
+        ([tmp_path], "is a folder; the file of a video was expected"),
         ([videos[0], make_video(tmp_path / "photo.mp4", 1)], r"photo\.mp4 holds one picture"),
     ):
         with pytest.raises(InputError, match=words):
