@@ -1,5 +1,6 @@
 """One recording of a public data set, and how it becomes a capture."""
 
+import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -87,10 +88,13 @@ def write_sequence(sequence: RecordedSequence, out: Path, frames: tuple[int, int
     """Write the recording as a capture folder, whole or not at all; return `out`.
 
     It holds videos (copied; folders of images and cut ones encoded with hardly any loss), static cameras, truth, and
-    `capture.toml`. `frames` (start, stop) takes a part. Raises `InputError` where `out` holds something already.
+    `capture.toml`. `frames` (start, stop) takes a part. Raises `InputError` where `out` holds something already,
+    or `frames` begin behind the last one.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} exists already; choose a new folder for the capture.")
+    if frames is not None:
+        _check_begin(sequence, frames[0])
     start = 0.0 if frames is None else frames[0] / sequence.fps
     if sequence.span is not None:
         first, stop = frames if frames is not None else (0, sequence.span[1] - sequence.span[0])
@@ -100,10 +104,16 @@ def write_sequence(sequence: RecordedSequence, out: Path, frames: tuple[int, int
         for camera in sequence.cameras:
             name = _write_pictures(camera, sequence.fps, frames, folder)
             sizes.append(index_video(folder / name).size)
-            entries.append(f'[[camera]]\nname = "{camera.name}"\nvideo = "{name}"\noffset = {camera.offset:.6f}\n')
+            named = f"name = {_quoted(camera.name)}\nvideo = {_quoted(name)}"
+            entries.append(f"[[camera]]\n{named}\noffset = {camera.offset:.6f}\n")
         cameras = _cameras(sequence, sizes)
         write_cameras(cameras, folder / "cameras.toml", "aniposelib")
-        lines = [f'name = "{sequence.name}"', f"fps = {sequence.fps:g}", 'units = "metres"', f'up = "{sequence.up}"']
+        lines = [
+            f"name = {_quoted(sequence.name)}",
+            f"fps = {sequence.fps:g}",
+            'units = "metres"',
+            f'up = "{sequence.up}"',
+        ]
         lines.append('cameras = "cameras.toml"')
         if sequence.actor is not None:
             shutil.copyfile(sequence.actor, folder / f"actor{sequence.actor.suffix}")
@@ -119,6 +129,21 @@ def write_sequence(sequence: RecordedSequence, out: Path, frames: tuple[int, int
             lines.append('truth = "truth.npz"')
         (folder / "capture.toml").write_text("\n".join([*lines, "", *entries]), encoding="utf-8")
     return out
+
+
+def _check_begin(sequence: RecordedSequence, first: int) -> None:
+    for camera in sequence.cameras:
+        pictures = camera.pictures
+        count = len(sorted_pictures(pictures)) if pictures.is_dir() else index_video(pictures).num_frames
+        if sequence.span is not None:
+            count = min(count, sequence.span[1]) - sequence.span[0]
+        if first >= count:
+            of = "" if sequence.span is None else f" of {sequence.name}"
+            raise InputError(f"--frames begins at {first}, but {pictures} has {count} frames{of}.")
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _cameras(sequence: RecordedSequence, sizes: list[tuple[int, int]]) -> Cameras:

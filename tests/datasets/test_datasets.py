@@ -127,7 +127,7 @@ def test_humaneva_2_reads_folders_of_pictures_and_takes_three_cameras(tmp_path):
 
 
 def test_tnt15_takes_the_cameras_of_the_paper(tmp_path):
-    base = tmp_path / "data" / "mr_01"
+    base = tmp_path / "data" / 'My "best" take'
     for camera in range(6):
         write_pictures(base / "Images" / str(camera), 3)
         (base / "Calibration").mkdir(exist_ok=True)
@@ -136,9 +136,12 @@ def test_tnt15_takes_the_cameras_of_the_paper(tmp_path):
         numbers = [*np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1.0]]).ravel(), *pose.ravel()]
         (base / "Calibration" / f"{camera}.txt").write_text(" ".join(f"{number:.9g}" for number in numbers))
     capture = Capture.open(import_dataset("tnt15", tmp_path / "data", tmp_path / "out"))
+    assert capture.name == 'TNT15-My "best" take'
     assert capture.camera_names == ("cam0", "cam2", "cam4")
     assert capture.fps == pytest.approx(50)
     np.testing.assert_allclose(np.asarray(capture.cameras.cam_from_world)[1, 0, :3, 3], [0, 0.1, 3], atol=1e-6)
+    with pytest.raises(InputError, match=r"--frames begins at 3, but .*Images.0 has 3 frames\.$"):
+        import_dataset("tnt15", tmp_path / "data", tmp_path / "none", frames=(3, 5))
 
 
 def write_biocv(base, cameras: int) -> None:
@@ -241,6 +244,8 @@ def test_a_motion_of_movi_is_its_part_of_the_video_and_of_the_markers(tmp_path):
     assert Capture.open(part).num_frames == 2
     with np.load(part / "truth.npz") as truth:
         assert truth["markers"][0, 0, 0] == pytest.approx(0.020)
+    with pytest.raises(InputError, match=r"begins at 4, but .*_L\.avi has 4 frames of MoVi-Subject_7-throw-catch"):
+        import_dataset("movi", tmp_path / "data", tmp_path / "none", sequence="Subject_7/throw/catch", frames=(4, 9))
     (tmp_path / "data" / "F_PG1_Subject_8_L.avi").write_bytes(b"")  # whose recording has not been fetched
     import_dataset("movi", tmp_path / "data", tmp_path / "again", sequence="Subject_7/walking")
     savemat(tmp_path / "data" / "F_v3d_Subject_7.mat", {"Subject_7_F": {"move": {"flags30": [[1, 3]]}}})
@@ -272,6 +277,7 @@ def test_mistakes_are_one_sentence_and_leave_nothing(humaneva, tmp_path):
     refused("no reader for 'h36m'", dataset="h36m")
     refused("'S1/Jog_1' is not there", sequence="S1/Jog_1")
     refused("C9.*is not there", cameras=("C1", "C9"))
+    refused(r"--frames begins at 100, but .*Walking_1_\(C1\)\.avi has 6 frames", frames=(100, 200))
     cal = humaneva / "S1" / "Calibration_Data" / "C2.cal"
     whole = cal.read_text()
     cal.write_text("\n".join(whole.splitlines()[:12]))
