@@ -273,6 +273,18 @@ def test_the_hosted_notebook_finds_a_wheel_or_the_repository_and_else_asks(insta
     assert install("") == f"{Path.cwd()}/jaxmocap-0.1.0-py3-none-any.whl[detect]"
 
 
+def test_the_hosted_notebook_shows_a_clip_of_a_single_frame(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "tests" / "motion")
+    from box_figure import box_character, box_motion
+
+    cells = json.loads((ROOT / "notebooks" / "06_hosted_first_clip.ipynb").read_text())["cells"]
+    (line,) = (line for cell in cells for line in cell["source"] if line.startswith("shown = "))
+    for count, frames in ((1, [0]), (2, [0, 1]), (5, [0, 4])):
+        names = {"motion": box_motion(box_character(), num_frames=count)}
+        exec(line, names)
+        assert names["shown"].frames.tolist() == frames
+
+
 def test_the_frame_that_notebooks_begin_with_shows_the_person(monkeypatch):
     """The notebooks themselves are long checks."""
     monkeypatch.syspath_prepend(ROOT / "notebooks")
