@@ -9,7 +9,8 @@ from jaxmocap._types import Quality
 from jaxmocap.motion import Motion
 
 from ._run_folder import only_run
-from ._run_options import RunOptions, examine
+from ._run_inputs import examine_in
+from ._run_options import RunOptions
 from ._run_plan import PlannedStage, done_before, given_by_hand, plan_of
 from ._run_record import RunRecord
 from ._run_stages import do_stage, in_a_run, stages_of
@@ -97,9 +98,9 @@ def run(
     RunRecord(out)  # raises where no run may write
 
     def tell(sentence: str) -> None:
-        say(in_a_run(sentence, work.folder))
+        say(in_a_run(sentence, work))
 
-    indices = examine([videos] if isinstance(videos, str | Path) else videos, options)
+    indices, options = examine_in(out, [videos] if isinstance(videos, str | Path) else videos, options)
     took: dict[str, float] = {}
     with only_run(out, out):
         work = RunWork(indices, out, options, RunRecord(out), tell, progress)

@@ -18,6 +18,7 @@ from jaxmocap.capture import (
     Capture,
     config_path,
     new_capture_text,
+    path_hash,
     shared_frames,
     video_names,
     with_lines,
@@ -104,6 +105,12 @@ class FootageWork(RunInputs):
     def make_capture(self) -> Any:
         """Make the capture folder, with links to the videos."""
         if self.record.begun("capture") and self.folder.exists():
+            kept = [self.folder / camera.video for camera in self.config().camera]
+            if sorted(path_hash(video) for video in kept if video.is_file()) == sorted(self.videos):
+                raise InputError(
+                    f"{self.out} holds a run of the same videos in another order; give them in the order of the "
+                    f"cameras of {self.folder}/capture.toml: {', '.join(self.names)}"
+                )
             raise InputError(
                 f"{self.out} holds a run of other videos; choose another folder with --out, or delete that one"
             )

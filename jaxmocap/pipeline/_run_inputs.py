@@ -11,7 +11,7 @@ from jaxmocap._results import InputError
 from jaxmocap.calibration import refuse_gaps
 from jaxmocap.capture import Capture, CaptureConfig, VideoIndex, camera_names, config_path, path_hash, read_config
 
-from ._run_options import RunOptions
+from ._run_options import RunOptions, examine
 from ._run_record import RunRecord
 
 CAPTURE = "capture"
@@ -19,6 +19,26 @@ CAPTURE = "capture"
 
 Say = Callable[[str], None]
 Report = Callable[[str, int, int], None]
+
+
+def names_in(capture: Path, videos: Sequence[Path]) -> list[str]:
+    """Name the cameras as an earlier run's capture does; where there is none of as many, like their videos."""
+    file = capture / "capture.toml"
+    config = read_config(file)[0] if file.is_file() else None
+    if config is None or len(config.camera) != len(videos):
+        return camera_names(videos)
+    return [camera.name for camera in config.camera]
+
+
+def examine_in(out: Path, videos: Sequence[str | Path], options: RunOptions) -> tuple[list[VideoIndex], RunOptions]:
+    """Examine a run in a folder: the videos opened, and the options by the names that its cameras have.
+
+    In the options a camera may also be called like its video is now. Raises `InputError`, as `examine`.
+    """
+    paths = [Path(video) for video in videos]
+    names = names_in(out / CAPTURE, paths)
+    options = options.renamed(dict(zip(camera_names(paths), names, strict=True)))
+    return examine(paths, options, names), options
 
 
 @dataclass(frozen=True)
@@ -51,8 +71,7 @@ class RunInputs:
 
     @property
     def names(self) -> list[str]:
-        """Names of the cameras, which are those of their videos."""
-        return camera_names([index.path for index in self.indices])
+        return names_in(self.folder, [index.path for index in self.indices])
 
     @cached_property
     def videos(self) -> list[str]:

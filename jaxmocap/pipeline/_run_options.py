@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 from typing import get_args
@@ -10,7 +10,7 @@ from typing import get_args
 from jaxmocap._results import InputError
 from jaxmocap._types import Quality
 from jaxmocap.calibration import check_camera_distance
-from jaxmocap.capture import VideoIndex, camera_names, index_video, path_hash, refuse_single_pictures
+from jaxmocap.capture import VideoIndex, index_video, path_hash, refuse_single_pictures
 from jaxmocap.detection import require_runner
 from jaxmocap.rigging import check_height
 
@@ -51,18 +51,28 @@ class RunOptions:
     detections: bool = True
     seed: int = 0
 
+    def renamed(self, names: Mapping[str, str]) -> "RunOptions":
+        """Call cameras by other names, which those that bear them keep."""
+        kept = set(names.values())
+        told = {what: getattr(self, what) for what in ("focal", "offset", "person")}
+        changed = {
+            what: {name if name in kept else names.get(name, name): value for name, value in by_name.items()}
+            for what, by_name in told.items()
+        }
+        return replace(self, **changed)
 
-def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoIndex]:
-    """Open the videos of a run, and refuse what cannot work before anything is done.
+
+def examine(videos: Sequence[Path], options: RunOptions, names: Sequence[str]) -> list[VideoIndex]:
+    """Open the videos of a run, whose cameras have these names, and refuse what cannot work before anything is done.
 
     Raises `InputError` for a video that cannot be read or is given twice, for numbers that nobody's body or cameras
     have, for files that are not there, and where nothing tells the scale.
     """
     if not videos:
         raise InputError("no video is given; give one, or better two or three of the same moment")
-    if folder := next((video for video in videos if Path(video).is_dir()), None):
+    if folder := next((video for video in videos if video.is_dir()), None):
         raise InputError(f"{folder} is a folder; the file of a video was expected")
-    indices = [index_video(Path(video)) for video in videos]
+    indices = [index_video(video) for video in videos]
     paths = [index.path.resolve() for index in indices]
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice is not None:
@@ -82,7 +92,7 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
             f"frames {start}:{'' if stop is None else stop} were asked for, but {indices[0].path.name} has "
             f"{indices[0].num_frames} frames, 0 to {indices[0].num_frames - 1}"
         )
-    _examine_cameras(indices, options)
+    _examine_cameras(indices, options, names)
     if options.height is not None:
         check_height(options.height)
     if options.scan is not None and options.actor is not None:
@@ -113,9 +123,8 @@ def examine(videos: Sequence[str | Path], options: RunOptions) -> list[VideoInde
     return indices
 
 
-def _examine_cameras(indices: Sequence[VideoIndex], options: RunOptions) -> None:
+def _examine_cameras(indices: Sequence[VideoIndex], options: RunOptions, names: Sequence[str]) -> None:
     """Refuse what is said of cameras that are not there, and numbers that no camera has."""
-    names = camera_names([index.path for index in indices])
     for name, seconds in options.offset.items():
         if name not in names or len(names) == 1:
             raise InputError(f"--offset names {name!r}; {_offset_wanted(names)}")

@@ -6,7 +6,7 @@ from typing import Literal
 
 from ._run_folder import finished
 from ._run_stages import Stage, stages_of, written
-from ._run_work import RunWork
+from ._run_work import TRACKED_LIKE, RunWork
 
 State = Literal["to do", "again", "done", "given"]
 
@@ -85,11 +85,10 @@ def done_before(work: RunWork, stage: Stage) -> bool:
 
 def _estimate(work: RunWork, stage: Stage) -> float:
     before = work.record.seconds(stage.name)
-    if before is not None:
+    if before is not None and (stage.name != "track" or work.record.done(TRACKED_LIKE, work.tracked_like())):
         return before
     counts = [index.num_frames for index in work.indices]
-    start, stop = work.options.frames
-    tracked = max(min(counts[0] if stop is None else stop, counts[0]) - start, 1)
+    tracked, _ = work.tracked_like()
     seconds = _ONCE.get(stage.name, 0.0) + _PER_PICTURE.get(stage.name, 0.0) * sum(counts)
     if stage.name == "calibrate" and not work.several:
         return 1.0

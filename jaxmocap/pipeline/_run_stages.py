@@ -1,7 +1,6 @@
 """The stages of a run in their order: what each is made of, what it writes into `capture.toml`, and what can fail."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from jaxmocap._results import InputError
@@ -16,6 +15,8 @@ _HINTS = {
     "another --seed or --key-step": "another --seed",
     "choose --frames in which the person is whole and not too small, or leave the camera out with --cameras": "cut the "
     "video to where the person is whole and not too small, or leave it out",
+    "give it with --up": "give it with jaxmocap calibrate {capture} --replace --up X Y Z",
+    " with --pose": " with jaxmocap track {capture} --pose FILE --out DIR",
     " with --resume": "",  # a run goes on by itself
 }
 """What messages of the verbs say, and how a run says it, which has not all of their options."""
@@ -121,11 +122,15 @@ def stages_of(work: RunWork) -> list[Stage]:
     return found
 
 
-def in_a_run(sentence: str, capture: Path) -> str:
-    """Say a sentence of another verb so that it is true of a run, whose capture is that folder."""
+def in_a_run(sentence: str, work: RunWork) -> str:
+    """Say a sentence of another verb so that it is true of a run; cameras that are calibrated again keep its scale."""
     for hint, instead in _HINTS.items():
-        sentence = sentence.replace(hint, instead.format(capture=capture))
-    return sentence
+        sentence = sentence.replace(hint, instead.format(capture=work.folder))
+    height, distance = work.options.height, work.options.camera_distance
+    calibrate = f"jaxmocap calibrate {work.folder} --replace"
+    scale = "" if height is None else f" --height {height:g}"
+    scale = scale if distance is None else f" --camera-distance {distance:g}"
+    return sentence.replace(calibrate, calibrate + scale)
 
 
 def do_stage(work: RunWork, stage: Stage) -> Any:
@@ -141,7 +146,7 @@ def do_stage(work: RunWork, stage: Stage) -> Any:
             failed = next(one for one in stages_of(work) if one.name == "detect")
         kept = f"; what was done before is kept in {work.folder}, and the same command goes on from there"
         kept = kept if work.folder.is_dir() else ""
-        why = in_a_run(str(error), work.folder).rstrip(".")
+        why = in_a_run(str(error), work).rstrip(".")
         raise InputError(f"stage '{failed.name}' failed: {why}. What you can do: {failed.advice}{kept}.") from error
 
 

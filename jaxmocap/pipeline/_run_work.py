@@ -29,6 +29,9 @@ from ._track_capture import track_capture
 
 _SAME_HEIGHT = 0.005  # of an actor's own and the one that is given
 
+TRACKED_LIKE = "tracked like"
+"""What the record calls that on which the time to track rests."""
+
 RESULT = "result"
 """Folder of a run in which its first result lies."""
 
@@ -110,6 +113,7 @@ class RunWork(FootageWork):
             say=self.say,
             resume=True,
         )
+        self.record.set(TRACKED_LIKE, self.tracked_like(), None)
         return folder.name
 
     def _result_folder(self) -> Path:
@@ -121,6 +125,12 @@ class RunWork(FootageWork):
         folder = free_name(self.out, RESULT)
         self.record.set("tracking", inputs, folder.name)
         return folder
+
+    def tracked_like(self) -> tuple[int, str]:
+        """List on what the time to track rests: how many frames, of the first video at most, and the preset."""
+        first, stop = self.options.frames
+        count = self.indices[0].num_frames
+        return max(min(count if stop is None else stop, count) - first, 1), self.options.quality
 
     def result(self) -> tuple[Path, Motion, Path]:
         """Return the folder of the result, the motion in it and its page, which is written anew if it was deleted."""

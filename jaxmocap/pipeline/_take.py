@@ -16,7 +16,8 @@ from jaxmocap.track import Tracker, with_settings
 from ._made_to_measure import refuse_height_beside_actor
 from ._run import run
 from ._run_folder import finished, refuse_foreign, unfinished
-from ._run_options import RunOptions, examine, span_within
+from ._run_inputs import examine_in
+from ._run_options import RunOptions, span_within
 from ._run_record import RunRecord
 from ._track_capture import track_capture
 
@@ -137,7 +138,7 @@ class VideosTake(Take):
         return self.videos
 
     def examine(self, folder: Path) -> None:
-        examine(self.videos, self.options)
+        examine_in(folder, self.videos, self.options)
         RunRecord(folder)
 
     def track(self, folder: Path, say: Say) -> Tracked:

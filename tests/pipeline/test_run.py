@@ -602,6 +602,8 @@ def test_folders_of_others_and_of_other_videos_are_left_alone(videos, done, tmp_
     again(videos, out)
     with pytest.raises(InputError, match="holds a run of other videos"):
         run(videos[:1], out, height=1.8)
+    with pytest.raises(InputError, match=r"the same videos in another order; .* left, right_hand"):
+        run(videos[::-1], out, height=1.8)
     assert (out / "result" / "motion.npz").is_file()
 
 
@@ -615,6 +617,43 @@ def test_a_run_that_was_killed_in_its_first_stage_is_repeated_and_one_at_work_is
     (out / "run.json").write_text("{")
     with pytest.raises(InputError, match=r"run\.json cannot be read .* or delete \S+dance and every stage"):
         run(videos, out, height=1.8)
+
+
+def test_the_time_of_a_draft_is_not_that_of_the_paper_nor_that_of_other_frames(videos, done, tmp_path):
+    seconds: list[float] = []
+    for told in ({"quality": "draft"}, {"quality": "draft", "seed": 1}, {"quality": "paper"}, {"frames": (0, 3)}):
+        run(videos, tmp_path / "dance", height=1.8, plan=lambda stages: seconds.append(stages[-1].seconds), **told)
+    first, same, *others = seconds
+    assert same < 2 < 90 < min(first, *others)
+
+
+def test_a_camera_is_called_as_in_the_capture_or_like_its_video_now(videos, done, tmp_path):
+    out, moved = tmp_path / "dance", [videos[0], Path(shutil.copy(videos[1], tmp_path / "b.mp4"))]
+    again(videos, out)
+    again(moved, out, person={"b": (3.0, 4.0)})
+    assert json.loads((out / "capture" / "keypoints" / "left.json").read_text()) == [["right_hand", [3.0, 4.0]]]
+    assert again(moved, out, person={"right_hand": (3.0, 4.0)})[1] == []
+    with pytest.raises(InputError, match=r"--focal names 'me'; .*: left, right_hand"):
+        again(moved, out, focal={"me": 900.0})
+
+
+def test_what_is_advised_works_as_it_is_said(videos, done, tmp_path, monkeypatch):
+    stand_in, said, capture = _run_footage.calibrate_folder, [], tmp_path / "dance" / "capture"
+
+    def calibrate(folder, say, **options):
+        stand_in(folder, say, **options)
+        warnings = ["if the result leans, give it with --up", "or calibrate with --key-step 2 if it is", "with --pose"]
+        return SimpleNamespace(record={"warnings": warnings})
+
+    monkeypatch.setattr(_run_footage, "calibrate_folder", calibrate)
+    again(videos, tmp_path / "dance", say=said.append)
+    calibrated = f"jaxmocap calibrate {capture} --replace --height 1.8"
+    assert f"Warning: if the result leans, give it with {calibrated} --up X Y Z." in said
+    assert f"Warning: or run {calibrated} --key-step 2 if it is." in said
+    assert f"Warning: with jaxmocap track {capture} --pose FILE --out DIR." in said
+    said.clear()
+    again(videos, tmp_path / "dance", camera_distance=2.0, say=said.append)
+    assert any("--replace --camera-distance 2 --key-step 2" in sentence for sentence in said)
 
 
 def test_the_command_prints_plan_and_report(videos, done, tmp_path, capsys):
