@@ -38,7 +38,7 @@ def show(value: Any, as_text: Callable[[], Any], *, json_wanted: bool) -> None:
         if not console.is_terminal:
             natural = console.measure(text, options=console.options.update(width=9999)).maximum
             console.width = max(console.width, natural)
-        console.print(text, markup=False)
+        console.print(text, markup=False, crop=False)  # a path that is longer than a line stays whole
 
 
 @contextlib.contextmanager

@@ -98,5 +98,6 @@ def run(arguments: Sequence[str]) -> int:
         print(f"jaxmocap: a file{where} cannot be read or written ({error.strerror}); {advice}.", file=sys.stderr)
         return YOUR_INPUT
     except KeyboardInterrupt:
-        print("jaxmocap: interrupted; no result was written.", file=sys.stderr)
+        goes_on = "; the same command goes on where it stopped" if list(arguments[:1]) == ["run"] else ""
+        print(f"jaxmocap: interrupted; no result was written{goes_on}.", file=sys.stderr)
         return INTERRUPTED

@@ -4,7 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 from ._arguments import Json, Preset, Seed, Weights, named_numbers, open_span, person_pixels
 from ._output import progress, say, show
@@ -144,11 +146,10 @@ def say_plan(planned: "list[PlannedStage]", out: Path) -> None:
         say(f"  {number}. {stage}")
 
 
-def _table(seconds: dict[str, float], found: dict[str, float], report: Path) -> Table:
-    sentence = f"{counted(found)}.\nOpen {report}"
-    table = Table(title_justify="left", caption=sentence, caption_justify="left", min_width=40)
+def _table(seconds: dict[str, float], found: dict[str, float], report: Path) -> Group:
+    table = Table(min_width=40)
     table.add_column("Stage")
     table.add_column("seconds", justify="right")
     for name, took in seconds.items():
         table.add_row(name, f"{took:.0f}")
-    return table
+    return Group(table, Text(f"{counted(found)}.\nOpen {report}", no_wrap=True, overflow="ignore"))

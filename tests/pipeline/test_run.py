@@ -619,6 +619,25 @@ def test_a_run_that_was_killed_in_its_first_stage_is_repeated_and_one_at_work_is
         run(videos, out, height=1.8)
 
 
+@pytest.mark.parametrize("on_a_terminal", [False, True])
+def test_the_page_is_named_whole_whatever_its_path(videos, done, tmp_path, capsys, monkeypatch, on_a_terminal):
+    if on_a_terminal:
+        monkeypatch.setenv("FORCE_COLOR", "1")
+        monkeypatch.setenv("COLUMNS", "40")
+    out = tmp_path / "dance [final] [" / "b]"
+    assert command(["run", *map(str, videos), "--height", "1.8", "--out", str(out)]) in (0, 3)
+    assert f"Open {out / 'result' / 'report.html'}\n" in capsys.readouterr().out
+
+
+def test_whoever_stops_a_run_is_told_that_it_goes_on(videos, done, tmp_path, capsys, monkeypatch):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(_run_work, "track_capture", stopped)
+    assert command(["run", *map(str, videos), "--height", "1.8", "--out", str(tmp_path / "dance")]) == 130
+    assert "interrupted; no result was written; the same command goes on where it" in capsys.readouterr().err
+
+
 def test_the_time_of_a_draft_is_not_that_of_the_paper_nor_that_of_other_frames(videos, done, tmp_path):
     seconds: list[float] = []
     for told in ({"quality": "draft"}, {"quality": "draft", "seed": 1}, {"quality": "paper"}, {"frames": (0, 3)}):
