@@ -245,7 +245,7 @@ def test_what_cannot_work_is_refused_before_anything_is_done(takes, tracked, tmp
 
 def test_a_list_of_takes_names_captures_and_videos_with_what_is_known_of_them(takes, tracked, tmp_path):
     make_video(tmp_path / "left.mp4")
-    make_video(tmp_path / "right.mp4")
+    make_video(tmp_path / "right.mp4", first=3)
     (tmp_path / "takes.toml").write_text("""
         [[take]]
         capture = "takes/walk"
