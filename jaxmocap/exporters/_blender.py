@@ -19,6 +19,7 @@ from jaxmocap.motion import Motion, turned
 
 from ._exporter import ExportForm
 from ._glb import write_glb
+from ._prepare import mean_rate_of
 
 WHERE = "JAXMOCAP_BLENDER"
 """An environment variable that names Blender, or a Python that has its module `bpy`."""
@@ -32,7 +33,7 @@ def write_blender(motion: Motion, path: Path, form: ExportForm) -> None:
     and where it does not do it.
     """
     command = blender_command()
-    rate = form.frame_rate or 1 / motion.seconds_per_interval
+    rate = form.frame_rate or mean_rate_of(motion)
     counted = replace(turned(motion, "y"), timestamps=np.arange(len(motion)) / rate)  # as glTF has it
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)

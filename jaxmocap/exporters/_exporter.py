@@ -13,7 +13,7 @@ from jaxmocap._files import atomic_folder, atomic_path
 from jaxmocap._results import InputError
 from jaxmocap.motion import Motion, continuous, turned
 
-from ._prepare import frame_rate_of, resampled
+from ._prepare import frame_rate_of, mean_rate_of, resampled
 
 Units = Literal["m", "cm", "mm"]
 Up = Literal["y", "z"]
@@ -128,7 +128,7 @@ def export_motion(
     if frame_rate is not None and not (rate and math.isclose(frame_rate, rate, rel_tol=1e-6)):
         motion = resampled(motion, frame_rate)
     elif rate is None and exporter.even:
-        rate = 1 / motion.seconds_per_interval
+        rate = mean_rate_of(motion)
         form.say(f"{path}: the time between frames varies, so poses are interpolated to {rate:.2f} frames per second.")
         motion = resampled(motion, rate)
     form = replace(form, frame_rate=frame_rate or rate)

@@ -11,6 +11,8 @@ UPRIGHT = {"y": np.eye(3), "z": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.
 """From the rest frame to a file's: all joints at zero stand upright in it."""
 _EVEN = 0.01
 """Share of the time between two frames by which each may be off an even grid."""
+_GAP = 1.75
+"""Usual times between two frames: where it is as long, a frame is lacking."""
 ORDERS = (("ZXY",), ("ZYX", "XYZ", "YXZ"), ("XZY", "YZX"))
 """Orders of axes: one that every program reads, those that most do, and the rest."""
 _NEAR_LOCK = np.radians(70.0)  # of the middle angle
@@ -32,6 +34,12 @@ def frame_rate_of(motion: Motion) -> float | None:
     even = np.linspace(motion.timestamps[0], motion.timestamps[-1], len(motion))
     interval = even[1] - even[0]
     return None if np.abs(motion.timestamps - even).max() > _EVEN * interval else float(1 / interval)
+
+
+def mean_rate_of(motion: Motion) -> float:
+    """Compute the frames per second of a motion of two frames or more, the mean over intervals that are no gaps."""
+    steps = np.diff(motion.timestamps)
+    return 1 / float(steps[steps < _GAP * np.median(steps)].mean())
 
 
 def resampled(motion: Motion, frame_rate: float) -> Motion:

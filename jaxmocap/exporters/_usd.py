@@ -15,7 +15,7 @@ from jaxmocap.motion import Motion
 
 from ._exporter import ExportForm
 from ._glb import GL_FROM_CV, quaternions
-from ._prepare import UPRIGHT
+from ._prepare import UPRIGHT, mean_rate_of
 
 _APERTURE = 36.0  # horizontal, millimetres: full frame
 _NEAR, _FAR = 0.01, 1000.0  # clipping planes, metres
@@ -40,7 +40,7 @@ def _write(motion: Motion, path: Path, form: ExportForm) -> None:
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, form.up.upper())
     UsdGeom.SetStageMetersPerUnit(stage, 1 / form.per_metre)
-    rate = form.frame_rate or 1 / motion.seconds_per_interval
+    rate = form.frame_rate or mean_rate_of(motion)
     stage.SetTimeCodesPerSecond(rate)
     stage.SetFramesPerSecond(rate)
     codes = motion.timestamps * rate
