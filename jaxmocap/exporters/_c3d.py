@@ -86,27 +86,30 @@ def write_c3d(motion: Motion, path: Path, form: ExportForm) -> None:
         icon, description = _EVENTS[label]
         file.add_event(divmod(position / rate, 60), foot, label, description, icon_id=icon)
     written = path.with_name(f"{path.name}.c3d")  # ezc3d knows small letters alone
-    file.write(str(written))
-    _as_the_format_says(written, scale, residuals)
-    os.replace(written, path)
+    try:
+        file.write(str(written))
+        path.write_bytes(_as_the_format_says(bytearray(written.read_bytes()), scale, residuals))
+    finally:
+        written.unlink(missing_ok=True)
 
 
-def _as_the_format_says(path: Path, scale: float, residuals: Float[np.ndarray, "frame joint"]) -> None:
-    """Write what ezc3d writes in a way of its own: the scale into the header, and residuals into the points.
+def _as_the_format_says(content: bytearray, scale: float, residuals: Float[np.ndarray, "frame joint"]) -> bytearray:
+    """Change what ezc3d writes in a way of its own: the scale in the header, and residuals in the points.
 
     The header holds the scale of the parameters once more, where ezc3d has -1 whatever it is, and py-c3d refuses files
     in which they differ. The fourth number of a point has the residual in its low byte, in steps of the scale, and the
     cameras in its high one; ezc3d has them the other way round, which others read as cameras or as not seen.
+
+    ezc3d does not notice a full disk, for which this raises `OSError`. It enters the block of the first point last:
+    until then that is the header's own, the first one.
     """
-    content = bytearray(path.read_bytes())
-    struct.pack_into("<f", content, _SCALE_AT, scale)
-    (block,) = struct.unpack_from("<H", content, _DATA_AT)
-    if len(content) < _BLOCK * (block - 1) + 16 * residuals.size:  # ezc3d does not notice a full disk
-        path.unlink()
+    block = int.from_bytes(content[_DATA_AT : _DATA_AT + 2], "little")
+    if block < 2 or len(content) < _BLOCK * (block - 1) + 16 * residuals.size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    struct.pack_into("<f", content, _SCALE_AT, scale)
     points = np.frombuffer(content, "<f4", 4 * residuals.size, _BLOCK * (block - 1))
     points.reshape(*residuals.shape, 4)[..., 3] = residuals
-    path.write_bytes(content)
+    return content
 
 
 def _foot_events(motion: Motion) -> list[tuple[int, str, str]]:

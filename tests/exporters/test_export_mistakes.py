@@ -1,7 +1,9 @@
 """What cannot be exported is refused with one sentence, and nothing is left behind."""
 
+import contextlib
 import importlib.util
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +67,28 @@ def test_a_mistake_is_one_sentence_and_leaves_nothing(arguments, words, result, 
     assert words in err
     assert [path.name for path in tmp_path.iterdir()] == ["there.trc"]
     assert Path("there.trc").read_text() == "mine"
+
+
+@contextlib.contextmanager
+def room_for(size: int) -> Iterator[None]:
+    """Let no file grow beyond some bytes, as on a full disk."""
+    resource = pytest.importorskip("resource", reason="this system does not limit the size of files")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in WRITABLE if suffix not in (".osim", ".colmap")])
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(suffix, even, tmp_path):
+    """Whether it is full from the start, half way, or at the last byte."""
+    whole = jm.export(even, tmp_path / f"all{suffix}").stat().st_size
+    for room in (0, 10, whole // 2, whole - 1):
+        with room_for(room), pytest.raises(InputError, match="cannot be written"):
+            jm.export(even, tmp_path / f"cut{suffix}")
+    assert [path.name for path in tmp_path.iterdir()] == [f"all{suffix}"]
 
 
 def test_what_is_no_result_is_refused(tmp_path, capsys):
