@@ -37,14 +37,15 @@ def write_blender(motion: Motion, path: Path, form: ExportForm) -> None:
     counted = replace(turned(motion, "y"), timestamps=np.arange(len(motion)) / rate)  # as glTF has it
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        write_glb(counted, place / "scene.glb", replace(form, name="scene.glb"))
         out = place / f"out{Path(form.name).suffix.lower()}"
         job: dict[str, Any] = {"scene": str(place / "scene.glb"), "out": str(out), "rate": rate, "frames": len(motion)}
         job["cameras"] = {}
-        if motion.cameras is not None:
-            for index, (name, size) in enumerate(zip(motion.cameras.names, motion.cameras.sizes, strict=True)):
-                lens = np.asarray(motion.cameras.intrinsics[index], float).tolist()
-                job["cameras"][name] = {"size": list(size), "intrinsics": lens}
+        if (cameras := counted.cameras) is not None:
+            for index, (name, size) in enumerate(zip(cameras.names, cameras.sizes, strict=True)):
+                lens = np.asarray(cameras.intrinsics[index], float).tolist()
+                job["cameras"][f"jaxmocap_camera_{index}"] = {"name": name, "size": list(size), "intrinsics": lens}
+            counted = replace(counted, cameras=replace(cameras, names=tuple(job["cameras"])))  # none of the actor's
+        write_glb(counted, place / "scene.glb", replace(form, name="scene.glb"))
         (place / "job.json").write_text(json.dumps(job), encoding="utf-8")
         own = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
         done = subprocess.run(

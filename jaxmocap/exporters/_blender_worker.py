@@ -1,7 +1,8 @@
 """Run by Blender or by a Python that has its module, in a process of its own: `_blender_worker.py JOB.json`.
 
 The job names a GLB (`scene`), the file to write (`out`, `.fbx` or `.blend`), its `rate` and number of `frames`, and of
-every camera the `size` and `intrinsics`. Blender's world has z up; FBX is written with y up, in metres.
+every camera, by its object in the GLB, the `name` it gets, `size` and `intrinsics`. Blender's world has z up; FBX is
+written with y up, in metres.
 """
 
 import json
@@ -43,12 +44,13 @@ load(filepath=job["scene"], **known(load, disable_bone_shape=True))
 for each in list(scene.objects):
     if any(collection.name.startswith("glTF_not_exported") for collection in each.users_collection):
         bpy.data.objects.remove(each)  # what older importers draw bones with
-for name, lens in job["cameras"].items():
-    set_lens(bpy.data.objects[name].data, lens["size"], lens["intrinsics"])
-if job["cameras"]:
-    first = next(iter(job["cameras"]))
-    scene.camera = bpy.data.objects[first]
-    scene.render.resolution_x, scene.render.resolution_y = job["cameras"][first]["size"]
+cameras = [bpy.data.objects[name] for name in job["cameras"]]
+for camera, lens in zip(cameras, job["cameras"].values(), strict=True):
+    set_lens(camera.data, lens["size"], lens["intrinsics"])
+    camera.name = camera.data.name = lens["name"]
+if cameras:
+    scene.camera = cameras[0]
+    scene.render.resolution_x, scene.render.resolution_y = next(iter(job["cameras"].values()))["size"]
 scene.frame_start, scene.frame_end = 0, job["frames"] - 1
 scene.frame_set(0)
 if job["out"].endswith(".blend"):

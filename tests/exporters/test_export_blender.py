@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,19 @@ def test_what_blender_writes_it_opens_again_with_the_same_joints_skin_and_camera
         assert camera["focal"] == pytest.approx(k[0, 0] / width, rel=1e-4)
         shift = [0.5 - k[0, 2] / width, (k[1, 2] - height / 2) / width]
         np.testing.assert_allclose(camera["shift"], shift, atol=1e-4)
+
+
+@with_blender
+@pytest.mark.parametrize("suffix", [".fbx", ".blend"])
+def test_a_camera_may_be_called_like_an_object_of_the_actor(even, tmp_path, suffix):
+    """Like its mesh; of two objects of one name Blender numbers one."""
+    (mesh,) = read_in_blender(export(even, tmp_path / f"own{suffix}"), 30, 0)["vertices"]
+    alike = replace(even, cameras=replace(even.cameras, names=(mesh, "right")))
+    found = read_in_blender(export(alike, tmp_path / f"dance{suffix}"), 30, 0)
+    np.testing.assert_allclose(next(iter(found["vertices"].values())), even.vertices(0) @ Z_UP.T, atol=1e-3)
+    assert sorted(found["cameras"]) == sorted([f"{mesh}.001", "right"])
+    focal = float(even.cameras.intrinsics[0, 0, 0]) / even.cameras.sizes[0][0]
+    assert found["cameras"][f"{mesh}.001"]["focal"] == pytest.approx(focal, rel=1e-4)
 
 
 @with_blender
