@@ -77,8 +77,8 @@ class Skeleton(eqx.Module):
 
     @property
     def pelvis(self) -> Float[Array, "3"]:
-        """Rest position of the pelvis, the point the root rotation turns about."""
-        return self.landmarks[self.landmark_names.index("pelvis")]
+        """Rest position of the first body's joint, the point the root rotation turns about."""
+        return self.landmarks[0]
 
     @property
     def joint_names(self) -> tuple[str, ...]:

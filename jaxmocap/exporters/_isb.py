@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.spatial.transform import Rotation
 
+from jaxmocap._results import InputError
 from jaxmocap.character import Pose, Skeleton, body_transforms, points_and_jacobian, retract
 from jaxmocap.motion import Motion
 
@@ -48,14 +49,17 @@ def isb_angles(motion: Motion) -> IsbAngles:
 
     The confidence is the least of those of the landmarks that define the joint. The standard deviation is that of the
     pose which the covariances of the landmarks leave, their errors taken as independent: first order, at most 180.
+    Raises `InputError` for a skeleton that has none of these joints.
     """
     skeleton = motion.character.skeleton
     joints = _joints_of(skeleton)
+    if not joints:
+        raise InputError(
+            f"the character {motion.character.name} has none of a person's joints that ISB angles are of (its joints "
+            f"are {', '.join(skeleton.joint_names)}); write a .csv, which has the skeleton's own angles."
+        )
     turns = _relative(skeleton, joints, motion.body_transforms[..., :3, :3], motion.angles)
-    degrees = np.concatenate(
-        [_angles_of(joint, turns[:, number]) for number, joint in enumerate(joints)] or [np.zeros((len(motion), 0))],
-        axis=1,
-    )
+    degrees = np.concatenate([_angles_of(joint, turns[:, number]) for number, joint in enumerate(joints)], axis=1)
     seen = [[motion.joint_names.index(name) for name in joint.seen_by] for joint in joints]
     confidence = np.stack([motion.confidence[:, own].min(axis=1) for own in seen for _ in range(3)], axis=1)
     names = tuple(f"{joint.name}_{angle}" for joint in joints for angle in joint.angles)
@@ -107,7 +111,7 @@ def _relative(
         _MIRROR @ turn @ _MIRROR if joint.name.startswith("l_") else turn
         for joint, turn in zip(joints, turns, strict=True)
     ]
-    return np.stack(turns, axis=1) if turns else np.zeros((len(rotations), 0, 3, 3))
+    return np.stack(turns, axis=1)
 
 
 def _angles_of(joint: IsbJoint, turns: Float[np.ndarray, "frame 3 3"]) -> Float[np.ndarray, "frame 3"]:

@@ -91,5 +91,4 @@ def mot_text(
 def coordinates_of(motion: Motion) -> Float[np.ndarray, "frame dof"]:
     """Compute OpenSim's coordinates of the pelvis and the joint angles from the neutral body, radians and metres."""
     tilt_list_rotation = euler_angles(motion.root[:, :3, :3] @ REST_FROM_OPENSIM, "ZXY")
-    pelvis = motion.joints[:, motion.joint_names.index("pelvis")].astype(np.float64)
-    return np.concatenate([tilt_list_rotation, pelvis, neutral_angles(motion)], axis=1)
+    return np.concatenate([tilt_list_rotation, motion.joints[:, 0].astype(np.float64), neutral_angles(motion)], axis=1)

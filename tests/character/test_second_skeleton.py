@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.character import (
     ROOT_DOFS,
@@ -252,6 +253,31 @@ def test_csv_has_a_column_per_angle(motion, tmp_path):
 @pytest.mark.parametrize("suffix", [".usda", ".trc", ".mot", ".osim", ".c3d"])
 def test_the_other_formats_take_it_too(motion, tmp_path, suffix):
     assert export(motion, tmp_path / f"arm{suffix}").stat().st_size > 0
+
+
+@pytest.fixture(scope="module")
+def strange(motion) -> Motion:
+    """The same, and no name is one of a person's."""
+    skeleton = motion.character.skeleton
+    names = {field: tuple(f"part {n}" for n in range(8)) for field in ("body_names", "landmark_names")}
+    return replace(motion, character=replace(motion.character, skeleton=replace(skeleton, **names)))
+
+
+def test_the_root_is_the_first_body_whatever_it_is_called(motion, strange, tmp_path):
+    tables = []
+    for name, one in (("arm", motion), ("strange", strange)):
+        assert export(one, tmp_path / f"{name}.osim").exists()
+        text = export(one, tmp_path / "finer" / f"{name}.mot", frame_rate=60).read_text()
+        tables.append(np.array([line.split() for line in text.split("endheader\n")[1].splitlines()[1:]], float))
+    assert len(tables[0]) == 5
+    np.testing.assert_allclose(tables[1][:, :7], tables[0][:, :7], atol=1e-5)
+
+
+def test_isb_angles_of_none_of_a_person_s_joints_are_refused(strange, tmp_path):
+    for suffix in (".isb.csv", ".isb.mot"):
+        with pytest.raises(InputError, match=r"one arm has none of a person's joints .*\(its joints are part 0, "):
+            export(strange, tmp_path / f"arm{suffix}")
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_report_plots_the_landmarks_there_are(motion):
