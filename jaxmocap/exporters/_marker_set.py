@@ -1,5 +1,6 @@
 """Virtual markers: the joints and landmarks, and points of the skin where laboratories stick theirs."""
 
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -136,7 +137,9 @@ def _points() -> dict[str, _Point]:
 
 
 def _camel(name: str) -> str:
-    return "".join(word.capitalize() for word in name.split("_")) if name[2:] != "toe" else f"{name[0].upper()}ToeTip"
+    """Join the words of a name, without the blanks and signs that OpenSim refuses."""
+    words = re.findall(r"[^\W_]+", name)
+    return "".join(map(str.capitalize, words)) if name[2:] != "toe" else f"{name[0].upper()}ToeTip"
 
 
 def _rest(body: NeutralBody, character: Character, number: int, place: np.ndarray) -> np.ndarray:

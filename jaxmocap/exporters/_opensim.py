@@ -18,9 +18,9 @@ from ._prepare import euler_angles, neutral_angles
 PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")
 
 
-def model_name(file: str) -> str:
-    """Name a model like its file, but for what OpenSim refuses in names: blanks and some signs."""
-    return re.sub(r"[\\*+\s/]", "_", Path(file).stem)
+def opensim_name(name: str) -> str:
+    """Replace what OpenSim refuses in the name of anything: blanks and some signs."""
+    return re.sub(r"[\\*+\s/]", "_", name)
 
 
 def write_trc(motion: Motion, path: Path, form: ExportForm) -> None:
@@ -69,7 +69,7 @@ def write_mot(motion: Motion, path: Path, form: ExportForm) -> None:
         f"Metres and degrees, y up, {rate}.",
         "Joint angles are measured from the neutral body: arms straight out to the sides, palms down, legs straight.",
     ]
-    names = (*PELVIS, *motion.character.skeleton.angle_names)
+    names = (*PELVIS, *map(opensim_name, motion.character.skeleton.angle_names))
     write_text(path, mot_text(form.name, notes, names, motion.timestamps, values))
 
 

@@ -20,7 +20,7 @@ from jaxmocap.motion import Motion
 from ._body_mass import body_mass
 from ._exporter import ExportForm
 from ._marker_set import marker_set
-from ._opensim import model_name, trc_text
+from ._opensim import opensim_name, trc_text
 
 _FEWEST = 8
 """Markers that a model must share with us."""
@@ -52,7 +52,7 @@ class Driven(NamedTuple):
 
 def write_driven_osim(motion: Motion, path: Path, form: ExportForm) -> None:
     """Write the named model, scaled to the person, and say how well its markers follow ours."""
-    found = _driven(motion, form.opensim_model, form.mass, model_name(form.name))
+    found = _driven(motion, form.opensim_model, form.mass, opensim_name(Path(form.name).stem))
     write_text(path, found.model)
     form.say(
         f"{form.name}: OpenSim's markers are off by {100 * found.rms:.1f} cm (RMS over the motion), "
@@ -62,7 +62,7 @@ def write_driven_osim(motion: Motion, path: Path, form: ExportForm) -> None:
 
 def write_driven_mot(motion: Motion, path: Path, form: ExportForm) -> None:
     """Write the coordinates of the named model that OpenSim's inverse kinematics finds."""
-    write_text(path, _driven(motion, form.opensim_model, form.mass, model_name(form.name)).motion)
+    write_text(path, _driven(motion, form.opensim_model, form.mass, opensim_name(Path(form.name).stem)).motion)
 
 
 @lru_cache(maxsize=1)

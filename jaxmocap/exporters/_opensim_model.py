@@ -2,6 +2,7 @@
 
 import itertools
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from ._body_mass import body_mass
 from ._exporter import ExportForm
 from ._marker_set import marker_set
 from ._neutral_body import REST_FROM_OPENSIM, NeutralBody, neutral_body
-from ._opensim import PELVIS, coordinates_of, model_name
+from ._opensim import PELVIS, coordinates_of, opensim_name
 
 GEOMETRY = "_geometry"
 """What is added to the name of a model to name the folder of its meshes."""
@@ -35,13 +36,13 @@ _NOTE = (
 
 def write_osim(motion: Motion, path: Path, form: ExportForm) -> None:
     """Write the model: a body with mass and inertia per body of ours, joints with our limits, markers, meshes."""
-    character, skeleton = motion.character, motion.character.skeleton
-    body, mass = neutral_body(skeleton), body_mass(character, form.mass)
+    character, skeleton = motion.character, _named(motion.character.skeleton)
+    body, mass = neutral_body(character.skeleton), body_mass(character, form.mass)
     start = coordinates_of(motion)[0]
     frames = body.turns.swapaxes(1, 2) @ REST_FROM_OPENSIM  # rest from each body's frame
     rest = skeleton.joints.astype(np.float64)
     document = ElementTree.Element("OpenSimDocument", Version="40000")
-    model = _add(document, "Model", name=model_name(form.name))
+    model = _add(document, "Model", name=opensim_name(Path(form.name).stem))
     for tag, text in (("credits", _NOTE), ("length_units", "meters"), ("force_units", "N")):
         _add(model, tag, text)
     _add(model, "gravity", "0 -9.80665 0")
@@ -83,7 +84,7 @@ def write_osim_geometry(motion: Motion, folder: Path, form: ExportForm) -> None:
         placed = body.placed(skeleton, number, vertices) - body.joints[number]
         lines = [f"v {_numbers(*row)}" for row in placed @ REST_FROM_OPENSIM]
         lines += ["f " + " ".join(map(str, row)) for row in faces + 1]
-        write_text(folder / f"{skeleton.body_names[number]}.obj", "\n".join(lines) + "\n")
+        write_text(folder / f"{opensim_name(skeleton.body_names[number])}.obj", "\n".join(lines) + "\n")
 
 
 def write_osim_setup(motion: Motion, path: Path, form: ExportForm) -> None:
@@ -103,6 +104,12 @@ def write_osim_setup(motion: Motion, path: Path, form: ExportForm) -> None:
         _add(task, "weight", "1")
     ElementTree.indent(document)
     write_text(path, '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(document, "unicode") + "\n")
+
+
+def _named(skeleton: Skeleton) -> Skeleton:
+    """Give bodies, joints and angles names that OpenSim takes."""
+    names = {field: getattr(skeleton, field) for field in ("body_names", "landmark_names", "dof_names")}
+    return replace(skeleton, **{field: tuple(map(opensim_name, own)) for field, own in names.items()})
 
 
 def _pieces(character: Character) -> dict[int, tuple[np.ndarray, np.ndarray]]:

@@ -134,9 +134,23 @@ def test_a_joint_that_opensim_cannot_hold_is_refused_and_nothing_is_left(danced,
     assert not list(tmp_path.iterdir())
 
 
-def test_a_model_has_a_name_that_opensim_takes(danced, tmp_path):
-    text = export(danced, tmp_path / "my dance*2.osim").read_text()
-    assert '<Model name="my_dance_2">' in text
+def test_a_model_and_all_that_is_in_it_have_names_that_opensim_takes(danced, tmp_path):
+    skeleton, fields = danced.character.skeleton, ("body_names", "landmark_names", "dof_names")
+    odd = {field: tuple(name.replace("r_", "r +/") for name in getattr(skeleton, field)) for field in fields}
+    character = replace(danced.character, skeleton=replace(skeleton, **odd))
+    path = export(replace(danced, character=character), tmp_path / "my dance*2.osim")
+    model = ElementTree.parse(path)
+    names = {tag: [one.get("name") for one in model.iter(tag)] for tag in ("Model", "Body", "Coordinate", "Marker")}
+    assert names["Model"] == ["my_dance_2"]
+    assert {"r___thigh"} <= set(names["Body"])
+    assert {"RHip"} <= set(names["Marker"])
+    assert not [name for one in model.iter() if (name := one.get("name")) and set(name) & set("\\*+/ \t\n")]
+    frames = {one.text for one in model.iter() if (one.text or "").startswith("/bodyset/")}
+    assert frames == {f"/bodyset/{name}" for name in names["Body"]}
+    columns = path.with_suffix(".mot").read_text().split("endheader\n")[1].split("\n")[0].split("\t")
+    assert columns == ["time", *names["Coordinate"]]
+    for mesh in model.iter("mesh_file"):
+        assert (tmp_path / mesh.text).is_file()
 
 
 def test_what_lies_beside_a_model_is_never_overwritten(danced, tmp_path):
