@@ -176,8 +176,9 @@ def _refuse_loose_cameras(capture: Capture, record: Mapping[str, Any]) -> None:
     if loose[name] > _LOOSE:
         raise InputError(
             f"the cameras of capture '{capture.name}' cannot be calibrated: what was found leaves the direction of "
-            f"{name} open by {loose[name]:.0f} degrees (standard deviation; {_LOOSE} at most are of use). There is too "
-            "little background that stands still, or of the person that moves: film from farther away, for longer."
+            f"{name} open by {loose[name]:.0f} degrees (standard deviation; {_LOOSE} at most are of use). Too "
+            "little background, or too little motion of the person before tripods, tells where the cameras are: film "
+            "from farther away, or for longer."
         )
 
 

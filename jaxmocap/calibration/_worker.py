@@ -111,18 +111,18 @@ def transform(folder: Path) -> None:
 def extract_tracks(folder: Path) -> None:
     """Write `tracks.npz` from the model that `model.json` names: images, their poses, points, and what sees what.
 
-    Of a very long capture only every so many sightings are taken, of all images.
+    Of a very long capture only every so many points are taken, with all that see them.
     """
     model = _model(folder)
-    points = {number: index for index, number in enumerate(sorted(model.points3D))}
     images = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
     every = max(1, -(-sum(image.num_points3D for image in images) // _MOST_SIGHTINGS))
+    points = {number: index for index, number in enumerate(sorted(model.points3D)[::every])}
     poses = np.tile(np.eye(4), (len(images), 1, 1))
     pose_of, point_of, pixels = [], [], []
     for index, image in enumerate(images):
         poses[index, :3] = image.cam_from_world().matrix()
         for point in image.points2D:
-            if point.has_point3D() and points[point.point3D_id] % every == 0:
+            if point.has_point3D() and point.point3D_id in points:
                 pose_of.append(index)
                 point_of.append(points[point.point3D_id])
                 pixels.append(point.xy)

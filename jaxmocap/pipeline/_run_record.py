@@ -29,7 +29,7 @@ class RunRecord:
         if not out.is_dir():
             raise InputError(f"{out} is a file; a folder for the run was expected, choose another with --out")
         if not self._file.is_file():
-            if not all(is_clutter(entry.name) or _of_a_first_stage(entry.name) for entry in out.iterdir()):
+            if not all(is_clutter(entry.name) or entry.name == LOCK for entry in out.iterdir()):  # of a first stage
                 raise InputError(f"{out} holds files that no run wrote; choose a new or an empty folder with --out")
             return
         try:
@@ -66,8 +66,3 @@ class RunRecord:
             "seconds": before if seconds is None else round(seconds, 1),
         }
         write_json(self._file, {"version": _VERSION, "stages": self._stages})
-
-
-def _of_a_first_stage(name: str) -> bool:
-    """Tell whether a run that is in its first stage, or was killed in it, leaves a file of this name."""
-    return name == LOCK or (name.startswith(".") and ".partial." in name)

@@ -47,7 +47,8 @@ def view(
     except ImportError:
         raise InputError("The viewer needs viser, which is not installed; run pip install 'jaxmocap[view]'.") from None
     try:
-        socket.create_server((host, 0)).close()  # viser takes every refusal for a port in use
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        socket.create_server((host, 0), family=family).close()  # viser takes every refusal for a port in use
     except OSError as error:
         raise InputError(
             f"--host {host} is no address of this machine ({error.strerror or error}); 0.0.0.0 serves at all of them."

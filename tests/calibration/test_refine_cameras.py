@@ -115,7 +115,7 @@ def errors(found: np.ndarray, true: np.ndarray) -> tuple[float, float]:
     return float(centres.mean()), float(np.degrees(angles.mean()))
 
 
-def test_of_very_many_sightings_some_are_taken_of_every_image(film, tmp_path, monkeypatch):
+def test_of_very_many_points_some_are_taken_with_all_their_sightings(film, tmp_path, monkeypatch):
     """Images left out would keep their old poses between the refined ones."""
     monkeypatch.setattr(_worker, "_MOST_SIGHTINGS", 2000)
     (tmp_path / "model.json").write_text(json.dumps(str(film / "cameras")))
@@ -124,6 +124,7 @@ def test_of_very_many_sightings_some_are_taken_of_every_image(film, tmp_path, mo
         assert len(tracks["names"]) == 2 * COUNT
         assert 1000 < len(tracks["pose_of"]) < 2200
         assert set(tracks["pose_of"].tolist()) == set(range(2 * COUNT))
+        assert set(tracks["point_of"].tolist()) == set(range(len(tracks["points"])))
 
 
 @pytest.mark.slow

@@ -1,5 +1,8 @@
 """A limb lost in one frame and seen in the next is found by looking back."""
 
+from types import SimpleNamespace
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,11 +10,13 @@ import pytest
 from perturbed import arm_away, vertex_errors
 
 from jaxmocap._runtime import Clock
-from jaxmocap.character import difference, retract, with_limb
+from jaxmocap.character import difference, landmark_positions, retract, with_limb
+from jaxmocap.character._pose import ball_joints, equivalent_angles
 from jaxmocap.energies import search_energy
+from jaxmocap.motion import MotionHistory
 from jaxmocap.search import BodySearch, Evidence, SearchPlan
 from jaxmocap.track import Answer, BackwardSearch, FrameTracker, Tracker
-from jaxmocap.track._backward_search import doubtful_run, limb_deviation
+from jaxmocap.track._backward_search import _refined, doubtful_run, limb_deviation
 
 LOST = 1
 
@@ -40,6 +45,27 @@ def test_a_limb_is_moved_part_of_the_way(world):
     expected[index] = 0.5 * (np.asarray(here.angles) + np.asarray(there.angles))[index]
     np.testing.assert_allclose(halfway.angles, expected, atol=1e-6)
     np.testing.assert_array_equal(halfway.root, here.root)
+
+
+def test_the_refinement_sees_the_motion_in_the_answer_s_set_of_angles(world):
+    """A joint that turns steadily goes on as it did where the answer has its other set of angles."""
+    skeleton, history = world.character.skeleton, []
+    (joint, twice), step = ball_joints(skeleton)[-1], np.zeros(skeleton.num_dofs, np.float32)
+    step[6:][joint] = 0.05, -0.03, 0.04
+    poses = [world.pose(0)]
+    for _ in range(3):
+        poses.append(retract(skeleton, poses[-1], jnp.asarray(step)))
+    angles = np.array(poses[-1].angles)
+    angles[joint] = equivalent_angles(angles[joint], twice, angles[joint], angles[joint])
+    answer = eqx.tree_at(lambda pose: pose.angles, poses[-1], jnp.asarray(angles))
+    places = lambda pose: np.asarray(landmark_positions(skeleton, pose))  # noqa: E731
+    np.testing.assert_allclose(places(answer), places(poses[-1]), atol=1e-4)
+    tracked = [SimpleNamespace(frame=None, history=MotionHistory(0.1, poses[-2], (step, step)))]
+    _refined(tracked, 0, answer, {}, skeleton, lambda frame, answer, told: (answer, history.append(told)))
+    (told,) = history
+    assert np.abs(told.pose.angles - poses[-2].angles).max() > 1
+    for increment in told.increments:
+        np.testing.assert_allclose(places(retract(skeleton, told.pose, increment)), places(poses[-1]), atol=2e-3)
 
 
 def looked_back(world, poses, settings=BackwardSearch()):
