@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmocap._cache import cached_jit
 from jaxmocap._types import Knob, knob
 from jaxmocap.observation import FrameProblem
-from jaxmocap.render import expand
+from jaxmocap.render import listed
 
 from ._lines import SurfaceLines, surface_lines
 
@@ -21,8 +21,9 @@ class ContourSettings(eqx.Module):
 
     `contours` "outer" is the silhouette (the paper); "outer+occluding" adds depth discontinuities inside it. `step`
     takes every step-th contour pixel. No edge farther than `within` pixels counts: like `reach`, which is compiled in,
-    but free to change. `capacity` bounds the contour pixels per view. `inside` says that edge pixels are
-    the outermost ones of a mask, which belong to the outermost ones of the drawn mesh.
+    but free to change. `capacity` bounds the contour pixels per view; of more, as many count, at even distances.
+    `inside` says that edge pixels are the outermost ones of a mask, which belong to the outermost ones of the drawn
+    mesh.
     """
 
     reach: int = eqx.field(static=True, default=15)
@@ -78,13 +79,13 @@ def contour_points(
     inner = jnp.zeros((height, width), bool).at[2:-2, 2:-2].set(True)
     row, column = jnp.arange(height)[:, None], jnp.arange(width)[None, :]
     chosen = boundary & inner & ((row + column) % settings.step == 0)
-    pick, _, needed = expand(chosen.reshape(-1).astype(jnp.int32), settings.capacity)
+    pick, count = listed(chosen.reshape(-1), settings.capacity)
     smooth = _blur(jnp.where(covered, inverse_depth, 0.0))
     gx = 0.5 * (_shift(smooth, 0, 1, 0.0) - _shift(smooth, 0, -1, 0.0)).reshape(-1)[pick]
     gy = 0.5 * (_shift(smooth, 1, 0, 0.0) - _shift(smooth, -1, 0, 0.0)).reshape(-1)[pick]
     normal = jnp.stack([gx, gy], -1)
     normal /= jnp.maximum(jnp.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
-    live = jnp.arange(settings.capacity) < needed
+    live = jnp.arange(settings.capacity) < count
     return ContourPoints(ids.reshape(-1)[pick], pick // width, pick % width, normal, live)
 
 

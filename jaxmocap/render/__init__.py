@@ -5,6 +5,7 @@ from ._expand import (
     best_driver as best_driver,
     expand as expand,
     expand_one_by_one as expand_one_by_one,
+    listed as listed,
     look_up as look_up,
 )
 from ._face_ids import (

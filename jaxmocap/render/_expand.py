@@ -5,7 +5,7 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
 _BLOCKS = 256
 
@@ -52,6 +52,16 @@ def expand(
     marks = jnp.zeros(capacity, jnp.int32).at[slot].set(1, **place)
     item = look_up(items, jnp.maximum(running_sum(marks) - 1, 0))
     return item, jnp.arange(capacity, dtype=jnp.int32) - look_up(starts, item), ends[-1]
+
+
+def listed(chosen: Bool[Array, "n"], capacity: int) -> tuple[Int[Array, "capacity"], Int[Array, ""]]:
+    """List the items that are chosen, and how many; of more than `capacity`, as many at even distances."""
+    rank = running_sum(chosen.astype(jnp.int32))
+    share = rank * capacity // jnp.maximum(rank[-1], capacity)
+    kept = share > jnp.pad(share[:-1], (1, 0))
+    items = jnp.zeros(capacity, jnp.int32)
+    items = items.at[jnp.where(kept, share - 1, capacity)].set(jnp.arange(len(chosen), dtype=jnp.int32), mode="drop")
+    return items, share[-1]
 
 
 def expand_one_by_one(

@@ -85,6 +85,21 @@ def test_a_full_list_of_contour_points_stays_within_its_capacity(ball):
     assert np.all(points.live)
 
 
+def test_of_more_contour_points_than_there_is_room_for_even_ones_are_kept_down_to_the_lowest(ball):
+    ids, inverse, _, _ = ball
+
+    def places(capacity):
+        points = _points(ids, inverse, ContourSettings(capacity=capacity, step=1))
+        return np.stack([points.row, points.column], -1)[np.asarray(points.live)].tolist()
+
+    every, kept = places(1024), places(100)
+    assert len(every) > 130
+    assert len(kept) == 100
+    ranks = [every.index(place) for place in kept]
+    assert ranks[-1] == len(every) - 1
+    assert set(np.diff(ranks).tolist()) <= {len(every) // 100, len(every) // 100 + 1}
+
+
 def test_occluding_contours_add_the_edge_of_a_near_disc_before_a_far_one():
     y, x = np.mgrid[:80, :80] - 40
     near, far = x**2 + y**2 < 15**2, x**2 + y**2 < 30**2
