@@ -3,8 +3,8 @@
     python benchmarks/verdict_corpus.py CORPUS [--seeds 0:60] [--workers 2] [--real ../shared/data]
 
 Every seed draws a film: routine, speed, a jump, the side from which the actor is seen, clothes, scenery, light, motion
-blur, noise, compression, shake, angle and number of cameras, size, the actor's own mesh or a body made to measure,
-pixels alone or a detector's keypoints beside them. It is tracked as it is, and with two of the mistakes of
+blur, noise, compression, shake, angle and number of cameras, focal length, how large the actor is, somebody who walks past
+behind, size, the actor's own mesh or a body made to measure, pixels alone or a detector's keypoints beside them. It is tracked as it is, and with two of the mistakes of
 `broken_captures.py`. Even seeds are for fitting, odd ones for judging (`half_of`). `--real` tracks the cases of
 `verdicts.py` and real captures instead, which nothing is fitted to. Keypoints are those of `jaxmocap detect`, which
 needs the extra `detect` and its weights. CORPUS/NAME.npz holds what the tracker saw and the errors of the joints; a run
@@ -128,7 +128,12 @@ def drawn_film(seed: int) -> dict[str, Any]:
     }
     others = [mistake for mistake in MISTAKES if mistake not in film["mistakes"]]
     film["mistakes"] = (*film["mistakes"], one_of(*others))
-    return film | {"detections": bool(one_of(True, False, p=(0.6, 0.4))), "compression": int(rng.integers(10, 30))}
+    film |= {"detections": bool(one_of(True, False, p=(0.6, 0.4))), "compression": int(rng.integers(10, 30))}
+    return film | {
+        "bystander": bool(one_of(True, False, p=(0.4, 0.6))),
+        "focal": float(rng.uniform(0.7, 1.4)),
+        "fraction": float(rng.uniform(0.5, 0.85)),
+    }
 
 
 def moving(film: dict[str, Any]) -> Motion:
@@ -165,6 +170,9 @@ def filmed(seed: int, folder: Path) -> Path:
         supersampling=1,
         selected_frames=(0, 5, 10, 15) if film["generic"] else film["selected"],
         motion=moving(film),
+        focal_per_width=film["focal"],
+        body_fraction=film["fraction"],
+        bystander=film["bystander"],
     )
     return write_capture(capture, folder)
 

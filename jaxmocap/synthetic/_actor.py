@@ -2,12 +2,14 @@
 
 from functools import lru_cache
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
 
-from jaxmocap.character import Character, Skeleton, build_skeleton
+from jaxmocap.character import Character, Pose, Skeleton, build_skeleton, landmark_positions, skin
 from jaxmocap.geometry import surface_nets
 
 from ._body import CENTRE_JOINTS, SIDE_JOINTS, TEMPLATE_HEIGHT, sheared, side_joint, skin_distance
@@ -159,3 +161,17 @@ def marker_positions(
 ) -> Float[np.ndarray, "frame marker 3"]:
     """Place the markers on a moving mesh, metres."""
     return np.einsum("mc,fmcd->fmd", barycentrics, vertices[:, faces[marker_faces]])
+
+
+def posed(
+    character: Character, poses: Pose
+) -> tuple[Float[np.ndarray, "frame vertex 3"], Float[np.ndarray, "frame landmark 3"]]:
+    """Place a character's vertices and landmarks in many poses, which have a leading frame axis."""
+    each = [_skinned(character, Pose(*pose)) for pose in zip(poses.root, poses.angles, strict=True)]
+    vertices, joints = (np.stack(values).astype(float) for values in zip(*each, strict=True))
+    return vertices, joints
+
+
+@eqx.filter_jit
+def _skinned(character: Character, pose: Pose) -> tuple[Float[jax.Array, "vertex 3"], Float[jax.Array, "landmark 3"]]:
+    return skin(character, pose), landmark_positions(character.skeleton, pose)

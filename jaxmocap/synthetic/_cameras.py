@@ -5,13 +5,13 @@ from jaxtyping import Float
 
 FOCAL_PER_WIDTH = 0.95
 VIEW_ANGLE = np.radians(27.0)
-_BODY_FRACTION = 0.75
+BODY_FRACTION = 0.75
 
 
-def intrinsics_of(size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
+def intrinsics_of(size: tuple[int, int], focal_per_width: float = FOCAL_PER_WIDTH) -> Float[np.ndarray, "3 3"]:
     """Make pinhole intrinsics of an image of (width, height)."""
     width, height = size
-    focal = FOCAL_PER_WIDTH * width
+    focal = focal_per_width * width
     return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
 
 
@@ -24,15 +24,17 @@ def handheld_paths(
     shake: float = 1.0,
     actor_height: float = 1.75,
     view_angle: float = VIEW_ANGLE,
+    focal_per_width: float = FOCAL_PER_WIDTH,
+    body_fraction: float = BODY_FRACTION,
 ) -> Float[np.ndarray, "camera frame 4 4"]:
-    """Make cam_from_world of cameras `view_angle` radians apart that keep the actor at 75 % of the image height.
+    """Make cam_from_world of cameras `view_angle` radians apart that keep the actor at a fraction of the image height.
 
     `targets` are the actor's places on the ground, which the aim follows. `shake` scales the hands: a drift of
     decimetres, trembling of a few centimetres and about 1 degree; 0 gives tripods that only turn. A path is a function
     of time, so any times may be asked for.
     """
     times = np.asarray(times, float)
-    distance = FOCAL_PER_WIDTH * size[0] * actor_height / (_BODY_FRACTION * size[1])
+    distance = focal_per_width * size[0] * actor_height / (body_fraction * size[1])
     poses = []
     for camera in range(num_cameras):
         rng = np.random.default_rng([seed, 3, camera])

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,12 +11,13 @@ from jaxtyping import Bool, Float, Int, UInt8
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import KEYPOINT_NAMES
-from jaxmocap.character import Character, Pose, landmark_positions, skin
+from jaxmocap.character import Character, Pose
 from jaxmocap.motion import Motion
 
-from ._actor import bind_markers, make_actor, marker_positions
+from ._actor import bind_markers, make_actor, marker_positions, posed
 from ._body import TEMPLATE_HEIGHT
-from ._cameras import VIEW_ANGLE, handheld_paths, intrinsics_of
+from ._bystander import passing
+from ._cameras import BODY_FRACTION, FOCAL_PER_WIDTH, VIEW_ANGLE, handheld_paths, intrinsics_of
 from ._clothes import Outfit, Style
 from ._motion import Routine, ground_path, perform, recorded
 from ._render import Rendered, Subject, develop, render_view
@@ -106,6 +106,9 @@ def make_capture(
     supersampling: int = 2,
     selected_frames: Sequence[int] | None = None,
     motion: Motion | None = None,
+    focal_per_width: float = FOCAL_PER_WIDTH,
+    body_fraction: float = BODY_FRACTION,
+    bystander: bool = False,
 ) -> SyntheticCapture:
     """Film the actor dancing on a square with handheld cameras 27 degrees apart; equal arguments give equal bytes.
 
@@ -116,7 +119,9 @@ def make_capture(
     brightens and dims the scene by that fraction over the capture. `sub_frames` > 1 averages that many instants of a
     half-open shutter (motion blur). `selected_frames` default to the first and the middle one. Instead of dancing,
     the actor moves as in `motion`, a motion of `make_actor(height)` that lasts as long, such as
-    `jm.read_motion("clip.bvh", make_actor())`. Raises `InputError` for arguments out of range.
+    `jm.read_motion("clip.bvh", make_actor())`. `focal_per_width` is the focal length in widths of the image, and
+    `body_fraction` how much of its height the actor fills. With `bystander` somebody in other clothes walks past behind
+    the actor. Raises `InputError` for arguments out of range.
     """
     _check(num_frames, size, num_cameras, sub_frames, supersampling)
     selected = tuple(selected_frames) if selected_frames is not None else tuple(sorted({0, num_frames // 2}))
@@ -132,18 +137,21 @@ def make_capture(
     else:
         _check_motion(motion, character, timestamps[-1])
         poses, path = recorded(motion, times)
-    posed = [_skinned(character, Pose(*pose)) for pose in zip(poses.root, poses.angles, strict=True)]
-    vertices, joints = (np.stack(values).astype(float) for values in zip(*posed, strict=True))
+    vertices, joints = posed(character, poses)
     angle = np.radians(view_angle_degrees)
-    paths = handheld_paths(times, path, size, num_cameras, seed, camera_shake, height, angle)
+    lens = (focal_per_width, body_fraction)
+    paths = handheld_paths(times, path, size, num_cameras, seed, camera_shake, height, angle, *lens)
 
     every = 1 + sub_frames
-    faces, intrinsics, scene = np.asarray(character.faces), intrinsics_of(size), make_scene(seed, scenery)
+    intrinsics, scene = intrinsics_of(size, focal_per_width), make_scene(seed, scenery)
+    faces, other = np.asarray(character.faces), passing(seed, times, path) if bystander else None
     rest = np.asarray(character.vertices, np.float32) * np.float32(TEMPLATE_HEIGHT / height)
     subject = Subject(rest, faces, Outfit.make(seed, clothes))
 
     def draw(camera: int, instant: int) -> Rendered:
-        return render_view(scene, subject, vertices[instant], intrinsics, paths[camera, instant], size, supersampling)
+        others = [] if other is None else [(other[0], other[1][instant])]
+        view = (intrinsics, paths[camera, instant], size, supersampling)
+        return render_view(scene, subject, vertices[instant], *view, others)
 
     images, masks = _film(draw, num_frames, num_cameras, sub_frames, seed, sensor_noise, illumination_change)
     marker_faces, barycentrics = bind_markers(np.asarray(character.vertices, float), faces, NUM_MARKERS, seed)
@@ -171,7 +179,7 @@ def make_capture(
         joints=joints.astype(np.float32),
         joint_names=names,
         selected_frames=selected,
-        keypoints=_keypoints(joints, names, paths[:, ::every], size, selected, keypoint_noise, seed),
+        keypoints=_keypoints(joints, names, paths[:, ::every], intrinsics, size, selected, keypoint_noise, seed),
     )
 
 
@@ -181,7 +189,8 @@ def body_25(
     """Make BODY_25 points of any frames as a detector would; `noise` is the `keypoint_noise` of `make_capture`."""
     paths = np.asarray(capture.cameras.cam_from_world, np.float64)
     joints = capture.joints.astype(np.float64)
-    return _keypoints(joints, capture.joint_names, paths, capture.size, tuple(frames), noise, seed=0)
+    intrinsics = np.asarray(capture.cameras.intrinsics[0], np.float64)
+    return _keypoints(joints, capture.joint_names, paths, intrinsics, capture.size, tuple(frames), noise, seed=0)
 
 
 def _check(num_frames: int, size: tuple[int, int], num_cameras: int, sub_frames: int, supersampling: int) -> None:
@@ -202,11 +211,6 @@ def _check_motion(motion: Motion, character: Character, duration: float) -> None
     lasts = motion.timestamps[-1] - motion.timestamps[0]
     if lasts < duration - 1e-6:
         raise InputError(f"the motion lasts {lasts:.3g} s; {duration:.3g} s are to be filmed: ask for fewer frames.")
-
-
-@eqx.filter_jit
-def _skinned(character: Character, pose: Pose) -> tuple[Float[jax.Array, "vertex 3"], Float[jax.Array, "joint 3"]]:
-    return skin(character, pose), landmark_positions(character.skeleton, pose)
 
 
 def _film(
@@ -242,6 +246,7 @@ def _keypoints(
     joints: np.ndarray,
     names: tuple[str, ...],
     paths: np.ndarray,
+    intrinsics: np.ndarray,
     size: tuple[int, int],
     selected: tuple[int, ...],
     noise: float,
@@ -249,7 +254,6 @@ def _keypoints(
 ) -> np.ndarray:
     """Make BODY_25 points of the selected frames as a detector would, confidence 1."""
     columns = [names.index(_OPENPOSE_PLACES.get(name, name)) for name in KEYPOINT_NAMES]
-    intrinsics = intrinsics_of(size)
     points = np.ones((len(selected), len(paths), len(columns), 3))
     for row, frame in enumerate(selected):
         for camera, path in enumerate(paths):

@@ -34,14 +34,16 @@ class Outfit:
             sleeves and trousers of one plain colour each, so that arms in front of the torso hardly show; "plain
             sleeves": the patterned shirt with long sleeves of one plain colour, along which nothing tells where the
             elbow is.
+        channels: which of red, green and blue the clothes show as each.
     """
 
     noise: Float[np.ndarray, "n n n"]
     style: Style = "patterned"
+    channels: tuple[int, int, int] = (0, 1, 2)
 
     @classmethod
-    def make(cls, seed: int, style: Style = "patterned") -> "Outfit":
-        return cls(noise_volume(np.random.default_rng([seed, 2])), style)
+    def make(cls, seed: int, style: Style = "patterned", channels: tuple[int, int, int] = (0, 1, 2)) -> "Outfit":
+        return cls(noise_volume(np.random.default_rng([seed, 2])), style, channels)
 
     def colours(self, points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 3"]:
         """Colour points of the 1.75 m template's skin at rest: RGB in [0, 1], whose square is the reflectance."""
@@ -60,6 +62,7 @@ class Outfit:
         for chosen, paint in ((legs, self._trousers), (shoes, self._shoes), (bare, self._skin)):
             if chosen.any():
                 colour[chosen] = paint(points[chosen])
+        colour[~bare] = colour[~bare][:, self.channels]
         hair = head & (height > 1.635 + 0.62 * points[:, 2] + 0.006 * grain)
         colour[hair] = _HAIR * (1 + 0.35 * sample_noise(self.noise, points[hair] * _f32((1, 0.35, 1)), 0.012))[:, None]
         colour *= (1 + np.float32(0.05) * grain)[:, None]

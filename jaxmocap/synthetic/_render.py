@@ -1,5 +1,6 @@
 """The synthetic capture's own renderer: supersampled z-buffer, colours from the point of the skin, sun and sky."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -17,7 +18,7 @@ _SHADOW_TEXEL = 0.02
 
 @dataclass(frozen=True)
 class Subject:
-    """What is drawn of the actor.
+    """What is drawn of a person.
 
     Attributes:
         rest: vertices at rest in template size, for the colours.
@@ -55,26 +56,59 @@ def render_view(
     cam_from_world: Float[np.ndarray, "4 4"],
     size: tuple[int, int],
     supersampling: int = 2,
+    bystanders: Sequence[tuple[Subject, Float[np.ndarray, "vertex 3"]]] = (),
 ) -> Rendered:
-    """Draw the actor with its `vertices` in the world (metres) into the scene; `size` is (width, height)."""
-    points = vertices @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
+    """Draw the actor with its `vertices` in the world (metres) into the scene; `size` is (width, height).
+
+    `bystanders` are others with theirs.
+    """
     fine_size = (size[0] * supersampling, size[1] * supersampling)
     fine = intrinsics * np.array([[supersampling], [supersampling], [1.0]])
-    light, inverse_depth = render_scene(scene, fine, cam_from_world, fine_size, ground_shadow(vertices, subject.faces))
-    fragments = visible_fragments(points, subject.faces, fine, fine_size)
-    front = fragments.inverse_depth > inverse_depth.reshape(-1)[fragments.index]
-    rest = fragments.interpolate(subject.faces, subject.rest)[front]
-    normals = fragments.interpolate(subject.faces, vertex_normals(vertices, subject.faces))[front]
-    light.reshape(-1, 3)[fragments.index[front]] = subject.outfit.colours(rest) ** 2 * illumination(normals)[:, None]
+    shadow = ground_shadow(*_together([(subject, vertices), *bystanders]))
+    light, inverse_depth = render_scene(scene, fine, cam_from_world, fine_size, shadow)
+    for other, place in bystanders:
+        _add(light, inverse_depth, other, place, fine, cam_from_world)
+    behind_actor = inverse_depth.copy()
+    _add(light, inverse_depth, subject, vertices, fine, cam_from_world)
     light = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
     ids = np.full(size[0] * size[1], -1, np.int32)
-    centres = visible_fragments(points, subject.faces, intrinsics, size)
+    centres = visible_fragments(_in_camera(vertices, cam_from_world), subject.faces, intrinsics, size)
     x, y = centres.index % size[0], centres.index // size[0]
     middle = supersampling // 2
-    behind = inverse_depth[y * supersampling + middle, x * supersampling + middle]
+    behind = behind_actor[y * supersampling + middle, x * supersampling + middle]
     shown = centres.inverse_depth > behind
     ids[centres.index[shown]] = centres.face[shown]
     return Rendered(light, ids.reshape(size[1], size[0]))
+
+
+def _in_camera(vertices: np.ndarray, cam_from_world: np.ndarray) -> np.ndarray:
+    return vertices @ cam_from_world[:3, :3].T + cam_from_world[:3, 3]
+
+
+def _together(people: Sequence[tuple[Subject, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Join meshes: vertices and faces."""
+    starts = np.cumsum([0] + [len(vertices) for _, vertices in people])
+    faces = [subject.faces + start for (subject, _), start in zip(people, starts[:-1], strict=True)]
+    return np.concatenate([vertices for _, vertices in people]), np.concatenate(faces)
+
+
+def _add(
+    light: np.ndarray,
+    inverse_depth: np.ndarray,
+    subject: Subject,
+    vertices: np.ndarray,
+    intrinsics: np.ndarray,
+    cam_from_world: np.ndarray,
+) -> None:
+    """Draw a person into a picture, where nothing nearer is."""
+    size = (light.shape[1], light.shape[0])
+    fragments = visible_fragments(_in_camera(vertices, cam_from_world), subject.faces, intrinsics, size)
+    front = fragments.inverse_depth > inverse_depth.reshape(-1)[fragments.index]
+    rest = fragments.interpolate(subject.faces, subject.rest)[front]
+    normals = fragments.interpolate(subject.faces, vertex_normals(vertices, subject.faces))[front]
+    pixels = fragments.index[front]
+    light.reshape(-1, 3)[pixels] = subject.outfit.colours(rest) ** 2 * illumination(normals)[:, None]
+    inverse_depth.reshape(-1)[pixels] = fragments.inverse_depth[front]
 
 
 def develop(

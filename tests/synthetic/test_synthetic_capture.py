@@ -214,3 +214,30 @@ def test_a_failed_write_leaves_nothing_behind(small_capture, tmp_path, monkeypat
     with pytest.raises(OSError, match="disk full"):
         write_capture(small_capture, tmp_path / "capture")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bystander_walks_past_behind_the_actor_and_is_no_part_of_the_truth():
+    arguments = {"sensor_noise": 0.0, "supersampling": 1, "camera_shake": 0.0, "seed": 1, "fps": 5.0}
+    alone = make_capture(4, (192, 108), **arguments)
+    passed = make_capture(4, (192, 108), bystander=True, **arguments)
+    np.testing.assert_array_equal(alone.masks, passed.masks)
+    np.testing.assert_array_equal(alone.joints, passed.joints)
+    changed = np.abs(alone.images.astype(int) - passed.images).max(axis=-1) > 20
+    actor = np.stack([[cv2.dilate(m.astype(np.uint8), np.ones((5, 5))) > 0 for m in frame] for frame in alone.masks])
+    upper = np.arange(108)[:, None] < 54  # above where anybody's shadow falls
+    assert not (changed & alone.masks & upper).any()
+    others = changed & ~actor
+    assert others.mean(axis=(2, 3)).min() > 0.005
+    columns = np.arange(192)
+    middles = np.array([columns[frame[0].any(axis=0)].mean() for frame in others & upper])
+    assert np.abs(np.diff(middles)).min() > 2  # pixels per frame
+    assert len(set(np.sign(np.diff(middles)))) == 1
+
+
+def test_the_lens_and_how_much_the_actor_fills_are_chosen():
+    shown = make_capture(1, (192, 108), seed=1, focal_per_width=1.4, body_fraction=0.5, supersampling=1)
+    assert float(shown.cameras.intrinsics[0, 0, 0]) == pytest.approx(1.4 * 192)
+    rows = np.flatnonzero(shown.masks[0, 0].any(axis=1))
+    assert np.ptp(rows) / 108 == pytest.approx(0.5, abs=0.05)
+    points = shown.keypoints[0, 0, [10, 13], 1]  # knees
+    assert np.all((points > rows.min()) & (points < rows.max()))
