@@ -3,8 +3,9 @@
     python benchmarks/verdict_corpus.py CORPUS [--seeds 0:60] [--workers 2] [--real ../shared/data]
 
 Every seed draws a film: routine, speed, a jump, the side from which the actor is seen, clothes, scenery, light, motion
-blur, noise, compression, shake, angle and number of cameras, focal length, how large the actor is, somebody who walks past
-behind, size, the actor's own mesh or a body made to measure, pixels alone or a detector's keypoints beside them. It is tracked as it is, and with two of the mistakes of
+blur, noise, compression, shake, angle and number of cameras, focal length, how large the actor is, somebody who walks
+past behind, size, the actor's own mesh or a body made to measure, pixels alone or a detector's keypoints beside them.
+It is tracked as it is, and with two of the mistakes of
 `broken_captures.py`. Even seeds are for fitting, odd ones for judging (`half_of`). `--real` tracks the cases of
 `verdicts.py` and real captures instead, which nothing is fitted to. Keypoints are those of `jaxmocap detect`, which
 needs the extra `detect` and its weights. CORPUS/NAME.npz holds what the tracker saw and the errors of the joints; a run
