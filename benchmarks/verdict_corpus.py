@@ -130,6 +130,8 @@ def drawn_film(seed: int) -> dict[str, Any]:
     others = [mistake for mistake in MISTAKES if mistake not in film["mistakes"]]
     film["mistakes"] = (*film["mistakes"], one_of(*others))
     film |= {"detections": bool(one_of(True, False, p=(0.6, 0.4))), "compression": int(rng.integers(10, 30))}
+    if rng.random() < 0.3:
+        film["degrees"] = float(rng.uniform(50, 110))
     return film | {
         "bystander": bool(one_of(True, False, p=(0.4, 0.6))),
         "focal": float(rng.uniform(0.7, 1.4)),

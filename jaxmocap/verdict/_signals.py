@@ -26,7 +26,7 @@ WIDEST = 45.0
 class FrameSignals:
     """Per camera, of the pixels the body covers: `costs`, the mean of Eq. 6, and `bare`, the share of those before a
     known background that look like it; and, as a share of all of them, the pixels beside the body that look foreign,
-    `uncovered`.
+    `uncovered`. Farther from it than the rectangle of sec. 4.1 reaches they are somebody else's and do not count.
 
     Per ordered pair of cameras, of the pixels whose surface the other camera shows too: `matched`, the share at which
     both pictures show the same, as far as optical flow can tell; and `view_gaps`, the median distance in metres of what
@@ -66,13 +66,25 @@ def frame_signals(
     return FrameSignals(
         np.array([c[b].mean() if b.any() else 1.0 for c, b in zip(drawn.costs, covered, strict=True)]),
         _shares(alike & covered, covered, (alike | foreign) & covered),
-        _shares(foreign & ~covered, covered, covered),
+        _shares(foreign & ~covered & _around(covered), covered, covered),
         matched,
         gaps,
         limbs,
         _share_at_limit(evidence.character.skeleton, drawn.pose),
         speed,
     )
+
+
+def _around(covered: Bool[np.ndarray, "camera height width"]) -> Bool[np.ndarray, "camera height width"]:
+    """Mark the box of the body in each view, widened like the rectangle of sec. 4.1."""
+    near = np.zeros_like(covered)
+    for box, body in zip(near, covered, strict=True):
+        row, column = np.nonzero(body)
+        if len(row):
+            margin = int(max(0.1 * max(np.ptp(row), np.ptp(column)), 20))
+            top, left = max(row.min() - margin, 0), max(column.min() - margin, 0)
+            box[top : row.max() + margin + 1, left : column.max() + margin + 1] = True
+    return near
 
 
 def _shares(

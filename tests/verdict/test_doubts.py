@@ -54,6 +54,23 @@ def test_the_gap_between_views_grows_with_the_distance_from_the_truth(world):
     assert gaps[0] < 0.5 * gaps[1] < gaps[1] < gaps[2]
 
 
+def test_somebody_beside_the_person_is_left_out_and_a_piece_of_the_person_is_not(world):
+    pose, evidence, frame = world.pose(FRAME), Evidence.of(world.character), world.frame(FRAME)
+    drawn = evidence.draw(pose, frame.problem)
+    row, column = np.nonzero(drawn.ids[0] >= 0)
+    margin = max(0.1 * max(np.ptp(row), np.ptp(column)), 20)
+
+    def uncovered(first):
+        background = np.array(frame.problem.background)
+        background[0, row.min() + 10 : row.max() - 10, first : first + 30] = 1.0
+        shown = frame._replace(problem=replace(frame.problem, background=background))
+        return frame_signals(evidence, shown, drawn, FlowSettings()).uncovered[0]
+
+    away = [uncovered(first) for first in (column.max() + 3, column.max() + int(margin) + 2)]
+    assert away[0] > 0.2
+    assert away[1] < 0.06
+
+
 def test_pictures_of_different_bodies_are_not_matched(world):
     """The second camera shows its picture upside down: nothing on the body is the same."""
     shown, right = world.shown(FRAME), signals(world, world.pose(FRAME))
