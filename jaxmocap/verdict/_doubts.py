@@ -36,7 +36,7 @@ _REASONS = {
     APART: ("view gap", "wide view gap"),
     OUTLINE: ("outline",),
     UNEXPLAINED: ("cost",),
-    ALONE: ("alone",),
+    ALONE: ("alone", "wide apart"),
 }
 
 

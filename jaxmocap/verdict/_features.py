@@ -13,7 +13,7 @@ from jaxmocap.character import Pose, Skeleton, landmark_positions
 
 from ._frame_verdict import FrameResult, VerdictSettings
 
-FRAME_FEATURES = ("view gap", "wide view gap", "alone", "outline", "cost")
+FRAME_FEATURES = ("view gap", "wide view gap", "alone", "wide apart", "outline", "cost")
 LIMB_FEATURES = ("cost", "unseen", "leap", "frame")
 
 _GAPS = (0.002, 0.045)
@@ -26,7 +26,11 @@ _EXPLAINED = 0.2
 """Cost of pixels that look like the person; what is below it tells of the scene, not of the answer."""
 
 _LEAP = 0.15
-"""Metres from halfway between its neighbours at which a limb begins to leap out of its way."""
+"""Metres from between its neighbours at which a limb begins to leap out of its way."""
+
+_SWING = 60.0
+"""Metres per second squared that fast wrists and ankles reach, so that where frames lie far apart in time more room is
+between them."""
 
 
 def frame_features(
@@ -35,32 +39,35 @@ def frame_features(
     """Measure every frame, in the order of `FRAME_FEATURES`; the median of `settings.steady` frames counts.
 
     Of the cameras that are `inlier`: "view gap" is how far apart two views show the body's surface, as `_log_gap` says,
-    and "wide view gap" what of it is above 0; "alone" is 1, and these are 0, where no two views can be compared.
-    "outline" is the root of the background that is covered and the person that is not, as a share of the body. "cost"
-    is that of Eq. 6, mean over the covered pixels, as far as it is above `_EXPLAINED`. Frames that were passed over
-    have the medians of all.
+    and "wide view gap" what of it is above 0. Where no two views can be compared these are 0, and 1 is "alone", if a
+    single camera shows the body, or "wide apart", if several do. "outline" is the root of the background that is
+    covered and the person that is not, as a share of the body. "cost" is that of Eq. 6, mean over the covered pixels,
+    as far as it is above `_EXPLAINED`. Frames that were passed over lie between those around them.
     """
-    count, cameras = inlier.shape
+    looked_at = [result.signals is not None for result in results]
+    inlier, cameras = inlier[looked_at], inlier.shape[1]
+    count = len(inlier)
     gaps = np.full((count, cameras, cameras), np.nan)
     outlines, costs = np.full((2, count, cameras), np.nan)
     ahead = ~np.eye(cameras, dtype=bool)  # row by row, as `FrameSignals` lists the pairs
-    for index, result in enumerate(results):
-        if (signals := result.signals) is not None:
-            gaps[index][ahead] = signals.view_gaps
-            outlines[index], costs[index] = signals.bare + signals.uncovered, signals.costs
+    for index, signals in enumerate(result.signals for result in results if result.signals is not None):
+        gaps[index][ahead] = signals.view_gaps
+        outlines[index], costs[index] = signals.bare + signals.uncovered, signals.costs
     pairs = inlier[:, :, None] & inlier[:, None, :]
     gaps = np.where(pairs, np.fmax(gaps, gaps.swapaxes(1, 2)), np.nan)
     gap = _over_views(np.nanmedian, gaps)
-    alone = ~np.isfinite(gap)
-    gap = np.where(alone, 0.0, _steady(_log_gap(gap), settings))
+    apart = ~np.isfinite(gap)
+    single = (inlier & (costs < 1.0)).sum(axis=1) < 2  # a view that shows nothing of the body costs 1
+    gap = np.where(apart, 0.0, _steady(_log_gap(gap), settings))
     columns = {
         "view gap": gap,
         "wide view gap": np.maximum(gap, 0.0),
-        "alone": alone,
+        "alone": apart & single,
+        "wide apart": apart & ~single,
         "outline": np.sqrt(_steady(_over_views(np.nanmean, np.where(inlier, outlines, np.nan)), settings)),
         "cost": _beyond(_steady(_over_views(np.nanmean, np.where(inlier, costs, np.nan)), settings)),
     }
-    return np.stack([np.asarray(columns[name], float) for name in FRAME_FEATURES], axis=-1)
+    return _between(np.stack([np.asarray(columns[name], float) for name in FRAME_FEATURES], axis=-1), looked_at)
 
 
 def limb_features(
@@ -69,41 +76,93 @@ def limb_features(
     """Measure the outer half of every limb in every frame, in the order of `LIMB_FEATURES`.
 
     "cost" is that of Eq. 6, mean over the outer half's pixels, as far as it is above `_EXPLAINED`; "unseen" the share
-    of the outer half that no view shows. "leap" is the logarithm of how many times farther from halfway between the
-    frames before and after the limb is than `_LEAP`, or than twice what is usual in this sequence if that is more; 0
-    where it is not, or where a neighbour is farther. What is between the last two frames is the last one's if the limb
-    was on its way until then. "frame" is the frame's logit.
+    of the outer half that no view shows. "leap" is the logarithm of how many times farther the limb is from where the
+    frames before and after would have it than it may be, as `_leaps` says; 0 where it is not. "frame" is the frame's
+    logit. Frames that were passed over lie between those around them, and do not leap.
     """
+    looked_at = [result.signals is not None for result in results]
     costs = np.stack([result.limb_costs for result in results])
     unseen = 1.0 - np.stack([result.limb_seen for result in results])
     columns = {
         "cost": _beyond(np.where(np.isfinite(costs), costs, _or_zero(np.nanmedian, costs))),
         "unseen": np.where(np.isfinite(unseen), unseen, 0.0),
-        "leap": _leaps(results, skeleton),
+        "leap": np.zeros_like(unseen),
         "frame": np.broadcast_to(frame_logit[:, None], costs.shape),
     }
-    return np.stack([np.asarray(columns[name], float) for name in LIMB_FEATURES], axis=-1)
+    seen = [result for result in results if result.signals is not None]
+    for name, values in columns.items():
+        columns[name] = _between(values[looked_at], looked_at)
+    columns["leap"][looked_at] = _leaps(seen, skeleton)
+    return np.stack([columns[name] for name in LIMB_FEATURES], axis=-1)
+
+
+def _between(
+    values: Float[np.ndarray, "looked *feature"], looked_at: Sequence[bool]
+) -> Float[np.ndarray, "frame *feature"]:
+    """Interpolate what was measured of the frames that were looked at for all frames; 0 where there are none."""
+    if not any(looked_at):
+        return np.zeros((len(looked_at), *values.shape[1:]))
+    at, frames = np.flatnonzero(looked_at), np.arange(len(looked_at))
+    columns = values.reshape(len(at), -1).T.astype(float)
+    filled = np.stack([np.interp(frames, at, column) for column in columns], axis=1)
+    return filled.reshape(len(frames), *values.shape[1:])
 
 
 def _leaps(results: Sequence[FrameResult], skeleton: Skeleton) -> Float[np.ndarray, "frame limb"]:
+    """Measure how limbs leap: for a frame or two they are away from the straight way between the frames around.
+
+    The logarithm of the distance over what is allowed: `_LEAP`, twice what is usual in this sequence, or how far a limb
+    comes with `_SWING` on such a way and back. Where a neighbour is farther it is 0, for it is far only because of the
+    other. What is between the last two frames is the last one's if the limb was on its way until then, and of the first
+    two the same.
+    """
+    limbs = [skeleton.bodies_of(group)[list(skeleton.landmark_bodies)] for group in skeleton.limb_labels]
+    if len(results) < 3:
+        return np.zeros((len(results), len(limbs)))
     poses = Pose(
         jax.device_put(np.stack([result.pose.root for result in results])),
         jax.device_put(np.stack([result.pose.angles for result in results])),
     )
     places = np.asarray(_places(skeleton, poses), float)
-    bodies, far = list(skeleton.landmark_bodies), np.zeros((len(results), len(skeleton.limb_labels)))
-    if len(results) < 3:
-        return far
-    for limb, group in enumerate(skeleton.limb_labels):
-        own = places[:, skeleton.bodies_of(group)[bodies]]
-        far[1:-1, limb] = np.linalg.norm(own[1:-1] - 0.5 * (own[:-2] + own[2:]), axis=-1).max(axis=1)
-    usual = np.median(far[1:-1], axis=0) if len(results) > _FEW else np.zeros(far.shape[1])
+    times = np.array([result.timestamp for result in results])
+    away, room = _away(places, times, limbs, 1)
+    usual = np.median(away[1:-1], axis=0) if len(results) > _FEW else np.zeros(len(limbs))
     if len(results) > 3:  # one that is out of its way puts those beside it half as far from halfway
-        last = far[-3] < far[-2] / 4
-        far[-2:] = np.where(last, 0.0, far[-2]), np.where(last, far[-2], 0.0)
-    padded = np.pad(far, ((1, 1), (0, 0)))
-    peak = far >= np.maximum(padded[2:], padded[:-2])  # its neighbours are far only because of it
-    return np.where(peak, np.log(np.maximum(far / np.maximum(2 * usual, _LEAP), 1.0)), 0.0)
+        for end, beside, third in ((0, 1, 2), (-1, -2, -3)):
+            own = away[third] < away[beside] / 4
+            away[end], away[beside] = np.where(own, away[beside], 0.0), np.where(own, 0.0, away[beside])
+            room[end] = room[beside]
+        both, room_of_both = _away(places, times, limbs, 2)
+        away, room = np.where(both > away, both, away), np.where(both > away, room_of_both, room)
+    around = np.pad(away, ((1, 1), (0, 0)))
+    peak = away >= np.maximum(around[2:], around[:-2])
+    return np.where(peak, np.log(np.maximum(away / np.maximum(np.maximum(2 * usual, _LEAP), room), 1.0)), 0.0)
+
+
+def _away(
+    places: Float[np.ndarray, "frame landmark 3"],
+    times: Float[np.ndarray, "frame"],
+    limbs: Sequence[Bool[np.ndarray, "landmark"]],
+    length: int,
+) -> tuple[Float[np.ndarray, "frame limb"], Float[np.ndarray, "frame limb"]]:
+    """Measure how far limbs are, for so many frames together, from the way between the frames around them, metres.
+
+    Of two frames the nearer counts, less what they are apart. Beside it stands how far they may come by `_SWING`.
+    """
+    away, room = np.zeros((2, len(places), len(limbs)))
+    for first in range(1, len(places) - length):
+        inside, stop = slice(first, first + length), first + length
+        before, after = times[inside] - times[first - 1], times[stop] - times[inside]
+        share = np.where(before + after > 0, before, 1.0) / np.where(before + after > 0, before + after, 2.0)
+        way = places[first - 1] + share[:, None, None] * (places[stop] - places[first - 1])
+        off = places[inside] - way
+        together = np.linalg.norm(off, axis=-1).min(axis=0) - np.linalg.norm(off[-1] - off[0], axis=-1)
+        of_limbs = np.array([together[limb].max() for limb in limbs])
+        allowed = np.broadcast_to(0.5 * _SWING * (before * after)[:, None], away[inside].shape)
+        farther = of_limbs > away[inside]
+        room[inside] = np.where(farther, allowed, room[inside])
+        away[inside] = np.where(farther, of_limbs, away[inside])
+    return away, room
 
 
 @cached_jit

@@ -14,7 +14,7 @@ WRONG_FRAME, WRONG_LIMB = 0.08, 0.15
 class RiskModel(NamedTuple):
     """A logistic regression: the logit of a mistake is `intercept` + `weights` . features.
 
-    No weight is negative but that of "alone", so that nothing that looks worse is trusted more.
+    No weight is negative but those of "alone" and "wide apart", so that nothing that looks worse is trusted more.
 
     Attributes:
         names: of the features.
@@ -44,7 +44,7 @@ def probability(logit: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape
 
 
 FRAME_MODEL = RiskModel(
-    FRAME_FEATURES, -3.126, (0.553, 0.998, 0.986, 2.461, 6.455), (-0.162, 0.056, 0.223, 0.278, 0.045)
+    FRAME_FEATURES, -3.126, (0.553, 0.998, 0.986, 0.986, 2.461, 6.455), (-0.162, 0.056, 0.223, 0.223, 0.278, 0.045)
 )
 LIMB_MODEL = RiskModel(LIMB_FEATURES, -2.605, (9.739, 2.241, 4.347, 0.792), (0.119, 0.195, 0.004, -1.271))
 """Fitted by `benchmarks/verdict_fit.py` to synthetic films, good ones and broken ones; the logits of frames are

@@ -54,23 +54,60 @@ def test_every_reason_has_its_span(world, true_results):
     assert spans(world, [true_results[0], *gone]) == [LostSpan("body", 1, 2, LOST)]
 
 
+def leaps(world, results):
+    features = limb_features(results, world.character.skeleton, np.zeros(len(results)))
+    return features[..., LIMB_FEATURES.index("leap")]
+
+
+def standing(world, true_results, count, away=(), fps=30.0):
+    """Frames in which nothing moves, but a limb that is elsewhere in those of `away`."""
+    poses = [true_results[0].pose] * count
+    for frame in away:
+        poses[frame] = with_limb(poses[0], arm_away(world, 1), world.character.skeleton.group("l_arm"))
+    return [replace(true_results[0], pose=pose, frame=frame, timestamp=frame / fps) for frame, pose in enumerate(poses)]
+
+
 def test_only_the_frame_that_leaps_is_far_from_its_neighbours(world, true_results):
     jumped = replace(true_results[1], pose=arm_away(world, 1))
     order = [true_results[0], true_results[0], jumped, true_results[2], true_results[2]]
-    found = limb_features(order, world.character.skeleton, np.zeros(5))[..., LIMB_FEATURES.index("leap")]
+    found = leaps(world, [replace(result, timestamp=frame / 30) for frame, result in enumerate(order)])
     assert found[2, 0] > 1.0
     found[2, 0] = 0.0
     assert found.max() < 0.2
 
 
-@pytest.mark.parametrize("leaps", [3, 4])
-def test_of_the_last_two_frames_the_one_out_of_its_way_leaps(world, true_results, leaps):
-    poses = [true_results[0].pose] * 5
-    poses[leaps] = with_limb(poses[0], arm_away(world, 1), world.character.skeleton.group("l_arm"))
-    results = [replace(true_results[0], pose=pose) for pose in poses]
-    found = limb_features(results, world.character.skeleton, np.zeros(5))[..., LIMB_FEATURES.index("leap")]
-    assert found[leaps, 0] > 0.2
-    assert np.sum(found > 0) == 1
+@pytest.mark.parametrize("away", [(0,), (1,), (3,), (4,), (1, 2), (2, 3)])
+def test_the_frames_out_of_their_way_leap_at_the_ends_too_and_two_together(world, true_results, away):
+    found = leaps(world, standing(world, true_results, 5 if len(away) < 2 else 6, away))
+    assert (found[list(away), 0] > 0.2).all()
+    assert np.sum(found > 0) == len(away)
+
+
+def test_frames_far_apart_in_time_leave_room_for_a_swing(world, true_results):
+    assert leaps(world, standing(world, true_results, 5, (2,), fps=4.0)).max() == 0
+    assert leaps(world, standing(world, true_results, 5, (2,), fps=30.0)).max() > 0.2
+
+
+def test_who_walks_on_while_frames_are_missing_does_not_leap(world, true_results):
+    times = np.array([0, 1, 2, 3, 4, 5, 6, 14, 15, 16, 17, 18]) / 30
+    results = []
+    for frame, time in enumerate(times):
+        pose = true_results[0].pose
+        root = np.array(pose.root)
+        root[0, 3] += 4.0 * time
+        results.append(replace(true_results[0], frame=frame, timestamp=float(time), pose=replace(pose, root=root)))
+    assert leaps(world, results).max() == 0
+
+
+def test_what_is_said_of_a_frame_that_was_passed_over_lies_between_its_neighbours(world, true_results):
+    results = standing(world, true_results, 5)
+    results[3] = replace(results[3], limb_costs=np.full(4, 0.9))
+    unknown = np.full(4, np.nan)
+    results[2] = replace(
+        results[2], pose=arm_away(world, 1), energy={}, signals=None, limb_costs=unknown, limb_seen=unknown
+    )
+    features = limb_features(results, world.character.skeleton, np.zeros(5))
+    np.testing.assert_allclose(features[2], 0.5 * (features[1] + features[3]))
 
 
 def test_lost_parts_have_no_confidence_and_others_keep_theirs(world, true_results):
