@@ -30,7 +30,13 @@ from verdict_corpus import Tracked, half_of, read_run  # noqa: E402
 
 from jaxmocap.character import landmark_positions, with_limb  # noqa: E402
 from jaxmocap.motion import TAILS  # noqa: E402
-from jaxmocap.verdict import UncertaintySettings, VerdictSettings, joint_covariances, judge_sequence  # noqa: E402
+from jaxmocap.verdict import (  # noqa: E402
+    SequenceVerdict,
+    UncertaintySettings,
+    VerdictSettings,
+    joint_covariances,
+    judge_sequence,
+)
 from jaxmocap.verdict._features import FRAME_FEATURES, LIMB_FEATURES, frame_features, limb_features  # noqa: E402
 from jaxmocap.verdict._model import FRAME_MODEL, LIMB_MODEL, WRONG_FRAME, WRONG_LIMB, RiskModel, probability  # noqa: E402
 from jaxmocap.verdict._outlier_camera import contradicted  # noqa: E402
@@ -115,7 +121,8 @@ def leaping(film: Film, rng: np.random.Generator) -> tuple[Sequence, int, int] |
 def fitted(
     names: Sequence[str], features: np.ndarray, wrong: np.ndarray, weight: np.ndarray, ridge: float
 ) -> RiskModel:
-    """Fit a logistic regression by its weighted likelihood; only the weight of "alone" may be negative."""
+    """Fit a logistic regression by its weighted likelihood; only the weights of "alone" and "wide apart" may be
+    negative."""
     middle, spread = np.average(features, axis=0, weights=weight), features.std(axis=0) + 1e-9
     standard, weight = (features - middle) / spread, weight / weight.sum()
 
@@ -125,7 +132,7 @@ def fitted(
         cost = float((weight * (np.logaddexp(0, logit) - wrong * logit)).sum() + ridge / 2 * (values[1:] ** 2).sum())
         return cost, np.concatenate([[slope.sum()], standard.T @ slope + ridge * values[1:]])
 
-    bounds = [(None, None)] + [(None if name == "alone" else 0.0, None) for name in names]
+    bounds = [(None, None)] + [(None if name in ("alone", "wide apart") else 0.0, None) for name in names]
     values = minimize(loss, np.zeros(len(names) + 1), jac=True, bounds=bounds, method="L-BFGS-B").x
     weights = values[1:] / spread
     usual = np.average(features[~wrong], axis=0, weights=weight[~wrong])
@@ -217,10 +224,11 @@ def print_reliability(risk: np.ndarray, wrong: np.ndarray, weight: np.ndarray) -
 
 
 class Errors(NamedTuple):
-    """A film's errors of joints in metres, their covariance as J^T J and the particles have it, and the confidence."""
+    """A film's errors of joints in metres, and what their covariance is made of; `ours` are the joints' landmarks."""
 
+    film: Film
+    ours: list[int]
     vectors: np.ndarray
-    covariance: np.ndarray
     confidence: np.ndarray
 
     @classmethod
@@ -230,45 +238,67 @@ class Errors(NamedTuple):
         ours = [skeleton.landmark_names.index(name) for name in run.joint_names]
         theirs = [run.truth_names.index(name) for name in run.joint_names]
         places = np.stack([np.asarray(landmark_positions(skeleton, result.pose)) for result in run.results])
-        plain = UncertaintySettings(scale=1.0, doubt=0.0, floor=0.0)
         confidence = judge_sequence(run.results, skeleton, SETTINGS, run.registered, run.cameras).confidence
-        covariance = joint_covariances(skeleton, run.results, plain)
-        return cls(places[:, ours] - run.truth[:, theirs], covariance[:, ours].astype(float), confidence[:, ours])
+        return cls(film, ours, places[:, ours] - run.truth[:, theirs], confidence)
 
-    def scored(self, scale: float, doubt: float, floor: float) -> tuple[np.ndarray, np.ndarray]:
-        """Squared distances in deviations, and the logarithms of the determinants."""
-        factor = scale * (1 + doubt * (1 - self.confidence))
-        matrix = factor[..., None, None] ** 2 * self.covariance + floor**2 * np.eye(3)
+    def scored(self, settings: UncertaintySettings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Squared distances in deviations, the logarithms of the determinants, and the joint each is of."""
+        character, results = self.film.run.character, self.film.run.results
+        misfit = float(character.misfit)
+        matrix = joint_covariances(character.skeleton, results, settings, self.confidence, misfit)[:, self.ours]
+        matrix = matrix.astype(float)
         squared = np.einsum("tja,tjab,tjb->tj", self.vectors, np.linalg.inv(matrix), self.vectors)
         known = np.isfinite(squared)
-        return squared[known], np.linalg.slogdet(matrix)[1][known]
+        joints = np.broadcast_to(np.array(self.film.run.joint_names), squared.shape)
+        return squared[known], np.linalg.slogdet(matrix)[1][known], joints[known]
 
 
-def fit_uncertainty(errors: Sequence[Errors]) -> tuple[float, float, float, float]:
-    """Scale, doubt and floor of `UncertaintySettings`, and `motion.TAILS`, of greatest likelihood."""
+def fit_uncertainty(errors: Sequence[Errors]) -> tuple[float, float, float, float, float]:
+    """Scale, doubt, floor and free angle of `UncertaintySettings`, and `motion.TAILS`, of greatest likelihood."""
 
     def loss(logarithms: np.ndarray) -> float:
         *settings, tails = np.exp(logarithms)
         cost = 0.0
         for film in errors:
-            squared, determinant = film.scored(*settings)
+            squared, determinant, _ = film.scored(settings_of(*settings))
             likelihood = gammaln((tails + 3) / 2) - gammaln(tails / 2) - 1.5 * np.log(tails * np.pi)
             cost -= (likelihood - determinant / 2 - (tails + 3) / 2 * np.log1p(squared / tails)).mean()
         return cost
 
-    found = minimize(loss, np.log([0.1, 5.0, 0.01, 4.0]), method="Nelder-Mead")
+    usual = UncertaintySettings()
+    begin = np.log([usual.scale, usual.doubt, usual.floor, usual.free_angle, TAILS])
+    found = minimize(loss, begin, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.01})
     return tuple(round(float(value), 4) for value in np.exp(found.x))
 
 
+def settings_of(scale: float, doubt: float, floor: float, free_angle: float) -> UncertaintySettings:
+    """Settings that are fitted, beside those that are not."""
+    return UncertaintySettings(scale=scale, doubt=doubt, floor=floor, free_angle=free_angle)
+
+
 def held(errors: Sequence[Errors], name: str) -> list[Figure]:
-    """How often regions of the uncertainty hold the true joints."""
-    settings = UncertaintySettings()
-    scored = [film.scored(settings.scale, settings.doubt, settings.floor)[0] for film in errors]
-    squared, figures = np.concatenate(scored), []
-    for share in (0.5, 0.9, 0.99):
-        inside = float((squared <= 3 * f.ppf(share, 3, TAILS)).mean())
-        figures.append(record(f"{name}: coverage of the {share:.0%} region", inside, "", 0.1))
-    return figures
+    """How often regions of the uncertainty hold the true joints, all of them and limb by limb."""
+    scored = [film.scored(UncertaintySettings()) for film in errors]
+    squared, joints = np.concatenate([one[0] for one in scored]), np.concatenate([one[2] for one in scored])
+    inside = {share: squared <= 3 * f.ppf(share, 3, TAILS) for share in (0.5, 0.9, 0.99)}
+    for joint in dict.fromkeys(joints.tolist()):
+        of = joints == joint
+        print(f"  {joint:12s}" + "".join(f" {share:.0%}: {held[of].mean():.0%}" for share, held in inside.items()))
+    return [
+        record(f"{name}: coverage of the {share:.0%} region", float(held.mean()), "", 0.1)
+        for share, held in inside.items()
+    ]
+
+
+def lost_limbs(verdict: SequenceVerdict, film: Film) -> np.ndarray:
+    """Which limbs the verdict lists as lost in which frames."""
+    frames = np.array([result.frame for result in film.run.results])
+    lost = np.zeros((len(frames), 4), bool)
+    for span in verdict.lost:
+        inside = (frames >= span.first) & (frames <= span.last)
+        for limb, label in enumerate(film.run.character.skeleton.limb_labels.values()):
+            lost[:, limb] |= inside & (span.part in ("body", label))
+    return lost
 
 
 def judged(films: Sequence[Film], name: str) -> list[Figure]:
@@ -280,7 +310,7 @@ def judged(films: Sequence[Film], name: str) -> list[Figure]:
         skeleton = run.character.skeleton
         verdict = judge_sequence(run.results, skeleton, SETTINGS, run.registered, run.cameras)
         trusted = np.array(verdict.status) == "ok"
-        limbs = trusted[:, None] & (verdict.limb_risk <= SETTINGS.limb_risk)
+        limbs = trusted[:, None] & ~lost_limbs(verdict, film)
         counts = [(of & bad).sum() for bad in (~film.wrong, film.wrong) for of in (trusted, np.ones_like(trusted))]
         bad_limbs = film.limbs_wrong
         counts += [(of & bad).sum() for bad in (~bad_limbs, bad_limbs) for of in (limbs, np.ones_like(limbs))]
@@ -291,7 +321,7 @@ def judged(films: Sequence[Film], name: str) -> list[Figure]:
             if (leap := leaping(film, rng)) is not None:
                 results, frame, limb = leap
                 found = judge_sequence(results, skeleton, SETTINGS, run.registered, run.cameras)
-                caught = found.limb_risk[frame, limb] > SETTINGS.limb_risk or found.status[frame] != "ok"
+                caught = lost_limbs(found, film)[frame, limb] or found.status[frame] != "ok"
                 leaps += [caught, 1]
     heads = ("right frames trusted", "wrong frames trusted", "right limbs trusted", "wrong limbs trusted")
     print(f"{name:16s}" + "".join(f"{head:>22s}" for head in heads))
@@ -328,7 +358,7 @@ def main() -> int:
     print(stretched(LIMB_MODEL, LIMB_MODEL.logit(rows), limbs_wrong, weight))
     left_out(own, FRAME_MODEL)
     good = {name: [Errors.of(f) for f in chosen if f.kind in GOOD] for name, chosen in halves.items()}
-    print("scale, doubt, floor, tails:", *fit_uncertainty(good["fit"]))
+    print("scale, doubt, floor, free angle, tails:", *fit_uncertainty(good["fit"]))
     figures: list[Figure] = []
     for name, chosen in halves.items():
         figures += judged(chosen, name) if chosen else []

@@ -152,6 +152,10 @@ def motion_of(
                 for name, first, last in contacts
             ]
         )
+    covariance = None  # of what was not refined nothing is known
+    if any(result.hessian is not None for result in results):
+        known = (judged.confidence, float(character.misfit))
+        covariance = joint_covariances(character.skeleton, results, None, *known)
     names, each = ("frame", *character.skeleton.limb_labels.values()), (judged.risk, *judged.limb_risk.T)
     risks = {name: np.round(risk, 3).tolist() for name, risk in zip(names, each, strict=True)}
     terms = sorted({name for result in results for name in result.energy})
@@ -163,7 +167,7 @@ def motion_of(
         moments,
         confidence=judged.confidence,
         status=judged.status,
-        covariance=joint_covariances(character.skeleton, results, None, judged.confidence, float(character.misfit)),
+        covariance=covariance,
         energy={name: np.array([result.energy.get(name, np.nan) for result in results]) for name in terms},
         provenance={
             "seconds_per_frame": float(np.mean(seconds)),

@@ -20,5 +20,5 @@ from ._signals import FrameSignals as FrameSignals, frame_signals as frame_signa
 from ._uncertainty import (
     UncertaintySettings as UncertaintySettings,
     joint_covariances as joint_covariances,
-    mean_deviations as mean_deviations,
+    usual_deviations as usual_deviations,
 )

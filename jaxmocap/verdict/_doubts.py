@@ -60,9 +60,9 @@ def doubts(
 
     These are frames that are wrong with a probability (`FRAME_MODEL`, of their `features`) above `settings.risk`, for
     the reason that makes most of it in a span; whose root is too fast; and where the pictures tell too little:
-    `deviations` are the standard deviations of a joint, mean over the body, in metres, where they are known. Where half
-    of the `registered` frames are doubtful, all frames are. Frames that were passed over show nothing themselves and
-    are left out.
+    `deviations` are the standard deviations of a joint along one axis, median over the body, in metres, where they are
+    known. Where half of the `registered` frames are doubtful, all frames are. Frames that were passed over show nothing
+    themselves and are left out.
     """
     looked_at = np.array([bool(result.energy) for result in results])
     risky = looked_at & (probability(FRAME_MODEL.logit(features)) > settings.risk)

@@ -37,7 +37,7 @@ class VerdictSettings:
         risk: probability of being wrong (8 cm off in the mean over the joints) above which a frame is doubtful.
         limb_risk: probability of being wrong (15 cm off) above which a limb is lost,
         hidden: or when less than this share of its outer half is seen in any view.
-        joint_deviation: metres that a joint's standard deviation may be, mean over the body.
+        joint_deviation: metres that a joint's standard deviation along one axis may be, median over the body.
         lost: cost of the covered pixels above which a frame is lost.
         top_speed: metres per second of the root above which a frame is doubtful, and at twice of which it is lost.
         least_pixels: pixels of a body below which its confidence is that of the nearest ancestor with more.

@@ -15,7 +15,7 @@ from ._frame_verdict import FrameResult, VerdictSettings
 from ._lost import LostSpan, lost_spans
 from ._model import FRAME_MODEL, LIMB_MODEL, probability
 from ._outlier_camera import OutlierCamera, contradicted, outlier_cameras
-from ._uncertainty import mean_deviations
+from ._uncertainty import usual_deviations
 
 GUIDE_ENTRIES = {
     _doubts.APART: "The views disagree",
@@ -69,7 +69,7 @@ def judge_sequence(
     features = frame_features(results, ~contradicted(results, settings), settings)
     logit = FRAME_MODEL.logit(features)
     of_limbs = limb_features(results, skeleton, logit)
-    found = doubts(results, features, settings, registered, mean_deviations(skeleton, results))
+    found = doubts(results, features, settings, registered, usual_deviations(skeleton, results))
     trust = [_trust(result, found, settings) for result in results]
     doubtful = np.array([status != "ok" for status, _ in trust])
     lost = lost_spans(results, skeleton, of_limbs, doubtful, settings)

@@ -27,8 +27,8 @@ class UncertaintySettings(NamedTuple):
         free_root: deviation of a root that nothing tells, metres and radians.
         free_angle: deviation of an angle that nothing tells, radians.
         particles: weight of the last particles' deviation.
-        scale: factor on all deviations.
-        doubt: a landmark without confidence has 1 + `doubt` times the deviation.
+        scale: factor on the deviations that the pictures tell.
+        doubt: of a landmark without confidence they are 1 + `doubt` times as large.
         floor: metres of deviation that every joint has, of the skeleton itself.
     """
 
@@ -53,8 +53,8 @@ def joint_covariances(
     `confidence` is what is left of it once the sequence is judged, by default what each frame alone tells. `misfit` is
     the character's, metres.
 
-    What the pictures do not tell, an arm behind the body, keeps the deviation it has when free. A frame at which the
-    tracking began takes the J^T J of a frame next to it; one that was passed over has none.
+    What the pictures do not tell, an arm behind the body, has the deviation it has when free. Frames that were not
+    refined, where tracking began or that were passed over, take the J^T J of the nearest that was.
     """
     settings = UncertaintySettings() if settings is None else settings
     hessians = _hessians(results)
@@ -63,38 +63,36 @@ def joint_covariances(
         jax.device_put(np.stack([r.pose.root for r in results])),
         jax.device_put(np.stack([r.pose.angles for r in results])),
     )
-    numbers = jax.tree.map(jnp.float32, settings)  # arrays: other settings share the program
-    found = np.asarray(_covariances(skeleton, poses, jax.device_put(hessians), jax.device_put(deviations), numbers))
     trusted = [result.confidence for result in results] if confidence is None else confidence
     doubt = 1 - np.stack([np.asarray(row, np.float32) for row in trusted])
-    factor = settings.scale * (1 + settings.doubt * doubt)
-    everywhere = settings.floor**2 + misfit**2
-    return factor[..., None, None] ** 2 * found + everywhere * np.eye(3, dtype=np.float32)
+    numbers = jax.tree.map(jnp.float32, settings)  # arrays: other settings share the program
+    found = _covariances(skeleton, poses, *jax.device_put((hessians, deviations, doubt)), numbers)
+    return np.asarray(found) + (settings.floor**2 + misfit**2) * np.eye(3, dtype=np.float32)
 
 
-def mean_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float[np.ndarray, "frame"] | None:
-    """Average the standard deviation of a joint's place over the landmarks, metres, whatever the confidence.
+def usual_deviations(skeleton: Skeleton, results: Sequence[FrameResult]) -> Float[np.ndarray, "frame"] | None:
+    """Find the standard deviation of a joint's place that half of the landmarks have at most, metres, along one axis.
 
-    None where nothing was refined, which would have told it.
+    It is that of full confidence, and none of a limb that no view shows. None where nothing was refined.
     """
     if all(result.hessian is None for result in results):
         return None
     settings = UncertaintySettings(doubt=0.0)
     variances = np.trace(joint_covariances(skeleton, results, settings), axis1=-2, axis2=-1)
-    return np.sqrt(variances).mean(axis=1, dtype=float)
+    return np.median(np.sqrt(variances / 3), axis=1)
 
 
 def _hessians(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame dof dof"]:
-    """J^T J of every frame; that of a neighbour where a frame was looked at but not refined."""
-    nothing = np.zeros(2 * results[0].deviation.shape, np.float32)
-    own = [h if h is None or np.isfinite(h).all() else None for h in (result.hessian for result in results)]
-    found = []
-    for index, (result, hessian) in enumerate(zip(results, own, strict=True)):
-        next_to = [own[n] for n in (index + 1, index - 1) if 0 <= n < len(own) and own[n] is not None]
-        if hessian is None and result.energy and next_to:
-            hessian = next_to[0]
-        found.append(nothing if hessian is None else np.asarray(hessian, np.float32))
-    return np.stack(found)
+    """J^T J of every frame, or of the nearest that has one."""
+    known = [
+        index
+        for index, result in enumerate(results)
+        if result.hessian is not None and np.isfinite(result.hessian).all()
+    ]
+    if not known:
+        return np.zeros((len(results), *2 * results[0].deviation.shape), np.float32)
+    nearest = np.abs(np.arange(len(results))[:, None] - np.array(known)[::-1]).argmin(axis=1)  # the later of two
+    return np.stack([np.asarray(results[known[::-1][place]].hessian, np.float32) for place in nearest])
 
 
 @cached_jit
@@ -103,18 +101,24 @@ def _covariances(
     poses: Pose,
     hessians: Float[Array, "frame dof dof"],
     deviations: Float[Array, "frame dof"],
+    doubt: Float[Array, "frame landmark"],
     settings: UncertaintySettings,
 ) -> Float[Array, "frame landmark 3 3"]:
     root, angles = jnp.full(ROOT_DOFS, settings.free_root), jnp.full(skeleton.num_angles, settings.free_angle)
     free = jnp.concatenate([root, angles])
 
-    def one(pose: Pose, hessian: Array, deviation: Array) -> Array:
-        scaled = free[:, None] * hessian * free[None, :] / settings.correlated
-        inverse = jnp.linalg.inv(scaled + jnp.eye(skeleton.num_dofs))
-        covariance = free[:, None] * inverse * free[None, :] + jnp.diag((settings.particles * deviation) ** 2)
+    def one(pose: Pose, hessian: Array, deviation: Array, doubt: Array) -> Array:
+        # Along each direction the pictures tell `told` times what is known without them, whose deviation is `free`.
+        told, directions = jnp.linalg.eigh(free[:, None] * hessian * free[None, :] / settings.correlated)
+        factor = ((settings.scale * (1 + settings.doubt * doubt)) ** 2)[:, None]
+        share = factor / (jnp.maximum(told, 0.0) + factor)
         moves = jax.jacfwd(lambda step: landmark_positions(skeleton, retract(skeleton, pose, step)))(
             jnp.zeros_like(free)
         )
-        return jnp.einsum("jad,de,jbe->jab", moves, 0.5 * (covariance + covariance.T), moves, precision="highest")
+        of_rows = jnp.einsum("jad,de->jae", moves, free[:, None] * directions, precision="highest")
+        of_particles = moves * (settings.particles * deviation)
+        return jnp.einsum("jae,je,jbe->jab", of_rows, share, of_rows, precision="highest") + factor[
+            ..., None
+        ] * jnp.einsum("jae,jbe->jab", of_particles, of_particles, precision="highest")
 
-    return jax.lax.map(lambda args: one(*args), (poses, hessians, deviations))
+    return jax.lax.map(lambda args: one(*args), (poses, hessians, deviations, doubt))

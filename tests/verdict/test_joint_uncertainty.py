@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from jaxmocap.character import Pose, landmark_positions, retract
 from jaxmocap.synthetic import make_actor
-from jaxmocap.verdict import FrameResult, UncertaintySettings, joint_covariances, mean_deviations
+from jaxmocap.verdict import FrameResult, UncertaintySettings, joint_covariances, usual_deviations
 
 PLAIN = UncertaintySettings(
     correlated=1.0, free_root=1e3, free_angle=1e3, particles=0.0, scale=1.0, doubt=0.0, floor=0.0
@@ -94,24 +94,44 @@ def test_a_joint_that_is_doubted_is_less_sure(skeleton):
     np.testing.assert_allclose(doubted[4], 2**2 * plain[4], rtol=1e-5)
 
 
-def test_a_start_takes_its_neighbour_s_and_a_frame_passed_over_none(skeleton):
+def test_a_start_and_a_frame_passed_over_take_what_the_nearest_frame_tells(skeleton):
     pose, known = pose_of(skeleton), 1e6 * np.eye(39)
-    unseen = result(skeleton, pose, energy=False)
-    frames = [result(skeleton, pose), result(skeleton, pose, known), unseen]
-    first, second, third = joint_covariances(skeleton, frames, PLAIN._replace(free_root=0.3, free_angle=0.3))
+    unseen = replace(result(skeleton, pose, energy=False), confidence=np.zeros(len(skeleton.landmark_names)))
+    frames = [result(skeleton, pose), result(skeleton, pose, known), unseen, unseen]
+    settings = PLAIN._replace(free_root=0.3, free_angle=0.3, scale=0.1, doubt=4.0)
+    first, second, *over = joint_covariances(skeleton, frames, settings)
     np.testing.assert_array_equal(first, second)
-    assert (np.trace(third, axis1=1, axis2=2) > 0.2).all()
+    for third in over:
+        np.testing.assert_allclose(third, 25 * second, rtol=1e-2, atol=1e-7)
 
 
-def test_the_mean_deviation_is_that_of_one_joint_after_the_other(skeleton):
+def test_the_usual_deviation_is_that_of_half_of_the_landmarks_along_one_axis(skeleton):
     pose = pose_of(skeleton)
     results = [result(skeleton, pose, scale * np.eye(39)) for scale in (1e4, 1e2)]
-    each = np.sqrt(np.trace(joint_covariances(skeleton, results), axis1=-2, axis2=-1))  # of full confidence
+    each = np.sqrt(np.trace(joint_covariances(skeleton, results), axis1=-2, axis2=-1) / 3)  # of full confidence
     results = [replace(one, confidence=0.5 * one.confidence) for one in results]
-    found = mean_deviations(skeleton, results)
-    np.testing.assert_allclose(found, each.mean(1), rtol=1e-5)
+    found = usual_deviations(skeleton, results)
+    np.testing.assert_allclose(found, np.median(each, axis=1), rtol=1e-5)
     assert found[0] < 0.5 * found[1]
-    assert mean_deviations(skeleton, [result(skeleton, pose)]) is None
+    assert usual_deviations(skeleton, [result(skeleton, pose)]) is None
+
+
+def test_a_limb_that_no_view_shows_is_free_itself_and_no_doubt_about_the_rest(skeleton):
+    pose, arm = pose_of(skeleton), list(skeleton.group("l_arm"))
+    known = 1e6 * np.eye(39)
+    hidden = known.copy()
+    hidden[arm, arm] = 0.0
+    seen, unseen = joint_covariances(skeleton, [result(skeleton, pose, h) for h in (known, hidden)])
+    deviation = np.sqrt(np.trace(unseen, axis1=1, axis2=2) / 3)
+    wrist, knee = (skeleton.landmark_names.index(name) for name in ("l_wrist", "l_knee"))
+    assert deviation[wrist] > 0.1
+    np.testing.assert_allclose(unseen[knee], seen[knee], rtol=1e-3)
+    for confidence in (0.0, 1.0):  # what nothing tells is as free, however sure the pixels are
+        of = replace(result(skeleton, pose, hidden), confidence=np.full(len(skeleton.landmark_names), confidence))
+        (again,) = joint_covariances(skeleton, [of])
+        np.testing.assert_allclose(again[wrist], unseen[wrist], rtol=0.05)
+    one, other = usual_deviations(skeleton, [result(skeleton, pose, h) for h in (known, hidden)])
+    assert other < 1.2 * one
 
 
 def test_a_hessian_that_is_not_finite_tells_nothing_and_spoils_nothing(skeleton):
