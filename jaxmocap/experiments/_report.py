@@ -29,8 +29,11 @@ svg text{fill:#51606f}
 vertical-align:middle} figure{margin:0} figcaption{font-size:13px;color:#51606f}
 .side{display:flex;gap:.4rem;overflow-x:auto} .side img{height:220px} li{margin:.2rem 0}
 """
-_PICTURED = 8
-_COLOURS = ("#0b6bcb", "#d1495b", "#2e8b57", "#e08e0b", "#7b52ab", "#00897b", "#8d6e63", "#546e7a")
+_PICTURED = 16
+_COLOURS = (
+    *("#0b6bcb", "#d1495b", "#2e8b57", "#e08e0b", "#7b52ab", "#00c2c7", "#8d6e63", "#546e7a", "#e377c2", "#9acd32"),
+    *("#1a2a6c", "#7f1d1d", "#f4c20d", "#064e3b"),
+)
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 560, 240, 46, 34, 10
 
 

@@ -67,11 +67,22 @@ def paired_difference(
 
 
 def compare(ours: Sequence[dict[str, Any]], theirs: Sequence[dict[str, Any]], metric: str) -> Difference:
-    """Take the `paired_difference` of two sets of rows, paired by capture and seed."""
+    """Take the `paired_difference` of two sets of rows, paired by capture and seed.
+
+    Seeds of one capture are alike: where there are several captures, each counts once, with its median over the seeds.
+    """
     values = [
         {(row["capture"], row["seed"]): row.get(metric) for row in rows if row["status"] == "done"}
         for rows in (ours, theirs)
     ]
-    shared = sorted(set(values[0]) & set(values[1]))
-    mine, others = ([np.nan if found[pair] is None else found[pair] for pair in shared] for found in values)
-    return paired_difference(np.array(mine, float), np.array(others, float))
+    pairs = [
+        (capture, mine, other)
+        for (capture, seed), mine in values[0].items()
+        if mine is not None and (other := values[1].get((capture, seed))) is not None
+    ]
+    captures = sorted({capture for capture, _, _ in pairs})
+    if len(captures) > 1:
+        gaps = [np.median([other - mine for name, mine, other in pairs if name == capture]) for capture in captures]
+    else:
+        gaps = [other - mine for _, mine, other in pairs]
+    return paired_difference(np.zeros(len(gaps)), np.array(gaps, float))

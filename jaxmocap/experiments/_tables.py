@@ -133,7 +133,10 @@ def _margins(rows: Sequence[Row], metric: Metric) -> Table:
         if method != "ours":
             theirs = [row for row in rows if row["value"] == method]
             body.append((method, *_difference(compare(ours, theirs, metric.column))))
-    caption = f"How much larger the {metric.name} is than ours: paired by capture and seed, 95 % bootstrap interval"
+    caption = (
+        f"How much larger the {metric.name} is than ours: paired by capture and seed, each capture once, 95 % "
+        "bootstrap interval"
+    )
     return Table(caption, ("method", "pairs", "median cm", "interval", "verdict"), body)
 
 
