@@ -62,7 +62,7 @@ class GaussianVisibility(AbstractPoseTerm):
 
     def score_pose(self, skeleton: Skeleton, pose: Pose, frame: FrameProblem) -> Float[Array, ""]:
         places = blend(skeleton, pose, self.centres, self.bones)
-        views = [frame.labels, frame.background, self.distances]
+        views = [frame.labels, frame.background, self.distances, frame.room]
         cost = lambda view: self._view(places, frame.size, _Lens(*view[:3]), *view[3:])  # noqa: E731
         covered, beyond = lax.map(cost, (frame.intrinsics, frame.cam_from_world, frame.origins, *views))
         return (self.step**2 * covered.sum() + self.outside * beyond.sum()) / frame.area
@@ -100,8 +100,9 @@ class GaussianVisibility(AbstractPoseTerm):
         labels: Int[Array, "height width"],
         background: Float[Array, "height width"],
         distances: Float[Array, "gaussian colour"],
+        room: Float[Array, "4"],
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """Sum the costs of a view's pixels, and the pixels that the body covers beside its rectangle.
+        """Sum the costs of a view's pixels, and the pixels of its picture that the body covers beside the rectangle.
 
         Rays are cast tile by tile; those that no Gaussian comes near see what lies behind.
         """
@@ -129,7 +130,7 @@ class GaussianVisibility(AbstractPoseTerm):
             any_near = jnp.any(near[tiles] & (tiles >= 0))
             return jnp.sum(live * lax.cond(any_near, covered, lambda _: uncovered, None))
 
-        return lax.map(some, padded).sum(), self._outside(places, size, lens)
+        return lax.map(some, padded).sum(), self._outside(places, size, lens, room)
 
     def _near(self, places: Float[Array, "gaussian 3"], lens: "_Lens", corners: Int[Array, "tile 2"]) -> Array:
         """Mark the tiles whose rays may come within `_REACH` standard deviations of a Gaussian."""
@@ -141,7 +142,9 @@ class GaussianVisibility(AbstractPoseTerm):
         corner = np.sqrt(2.0) * middle * along / lens.intrinsics[0, 0]
         return jnp.any((along > 0) & (aside < corner + _REACH * self.width * self.sigmas), -1)
 
-    def _outside(self, places: Float[Array, "gaussian 3"], size: tuple[int, int], lens: "_Lens") -> Float[Array, ""]:
+    def _outside(
+        self, places: Float[Array, "gaussian 3"], size: tuple[int, int], lens: "_Lens", room: Float[Array, "4"]
+    ) -> Float[Array, ""]:
         """Count the pixels of Gaussians that lie beside the rectangle, fading in over one standard deviation."""
         rotation, shift = lens.cam_from_world[:3, :3], lens.cam_from_world[:3, 3]
         local = jnp.matmul(places, rotation.T, precision="highest") + shift
@@ -149,8 +152,9 @@ class GaussianVisibility(AbstractPoseTerm):
         screen = jnp.matmul(local / depth, lens.intrinsics.T, precision="highest")[:, 1::-1] - lens.origin
         radius = lens.intrinsics[0, 0] * self.width * self.sigmas / depth[:, 0]
         beyond = jnp.max(jnp.maximum(-screen, screen - jnp.asarray(size)), -1)
-        area = jnp.minimum(np.pi * radius**2, _LARGEST)
-        return jnp.sum(area * jnp.clip(beyond / radius, 0.0, 1.0))
+        within = jnp.min(jnp.minimum(screen - room[:2], room[2:] - screen), -1)
+        area = jnp.where(local[:, 2] > _NEAREST, jnp.minimum(np.pi * radius**2, _LARGEST), 0.0)
+        return jnp.sum(area * jnp.clip(jnp.minimum(beyond, within) / radius, 0.0, 1.0))
 
 
 class _Lens(NamedTuple):

@@ -73,13 +73,17 @@ def test_the_silhouette_of_the_gaussians_is_about_the_mesh_s(world, silhouette):
     assert ((silhouette > 0.5) & covered).sum() / ((silhouette > 0.5) | covered).sum() > 0.9
 
 
-def test_a_body_out_of_sight_pays_for_the_background_and_for_hiding(world, term):
-    """Nothing is in front of the pixels, and every Gaussian lies beside the rectangle."""
+def test_a_body_out_of_sight_pays_for_the_background_and_for_hiding_beside_the_rectangle_of_a_larger_picture(
+    world, term
+):
+    """Nothing is in front of the pixels, and every Gaussian lies beside the rectangle, in the picture or beyond it."""
     problem, skeleton = world.problem(FRAME), world.character.skeleton
+    larger = replace(problem, pictures=jnp.full_like(problem.pictures, 1e5))
     away = retract(skeleton, world.pose(FRAME), jnp.zeros(39).at[0].set(30.0))
     behind = float(problem.background[:, ::STEP, ::STEP].sum() * STEP**2 / problem.area)
     assert float(value(replace(term, outside=0.0), skeleton, away, problem)) == pytest.approx(behind, rel=1e-5)
-    assert float(value(term, skeleton, away, problem)) > behind + 0.01
+    assert float(value(term, skeleton, away, problem)) == pytest.approx(behind, rel=1e-5)
+    assert float(value(term, skeleton, away, larger)) > behind + 0.01
 
 
 def test_every_pixel_is_looked_at_wherever_a_gaussian_is(world, term, silhouette):
