@@ -109,6 +109,7 @@ def test_the_colours_of_the_selected_frames_tell_the_person_from_the_ground(worl
         assert ((person < ground) == mask).mean() > 0.85
 
 
+@pytest.mark.slow
 def test_posecut_minimises_its_energy_whose_minimum_is_near_the_person(world):
     baseline = PoseCut()
     worker = baseline.follow(world.observations(), jax.random.key(0))

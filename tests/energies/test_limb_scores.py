@@ -68,6 +68,7 @@ def test_what_a_particle_draws_leaves_no_trace_in_the_next(world, parts, increme
     np.testing.assert_array_equal(mixed[kept], plain[order][kept])
 
 
+@pytest.mark.slow
 def test_the_driver_of_accelerators_scores_like_that_of_cpus(world, parts, increments):
     where = (world.character, parts[0], world.pose(FRAME), world.problem(FRAME), jnp.asarray(increments[0]))
     found = [score_in(energy_of(world), *where, driver)[0] for driver in ("loop", "scatter")]

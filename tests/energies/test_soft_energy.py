@@ -41,6 +41,7 @@ def _score(energy, character, pose, problem, settings):
     return soft_score(energy, character, pose, problem, settings)
 
 
+@pytest.mark.slow
 def test_it_tends_to_the_energy_of_the_search_as_the_width_goes_to_zero(world, off):
     increment = difference(world.character.skeleton, world.pose(FRAME), off)
     hard = score(world, np.asarray(increment)[None])

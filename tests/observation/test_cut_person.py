@@ -73,6 +73,7 @@ def test_a_head_that_the_body_lacks_is_found_where_a_detector_has_seen_it(world,
         np.testing.assert_array_equal(cut_person(image, beheaded, seen=moved(truth, (0, 60))), alone)
 
 
+@pytest.mark.slow
 def test_colours_counted_in_blocks_cut_as_those_counted_at_every_pixel(world, silhouettes, monkeypatch):
     larger = np.ones((4, 4), np.uint8)
     image = np.kron(world.truth.images[0, 0], larger[..., None])

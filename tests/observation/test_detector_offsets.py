@@ -94,6 +94,7 @@ def test_rays_with_the_offsets_have_no_residual_at_the_pose(world, poses, offset
     assert furthest(offsets=jnp.asarray(offsets)) < 2e-4
 
 
+@pytest.mark.slow
 def test_the_tracker_learns_from_selected_frames_and_those_it_trusts_and_keeps_it(world, tmp_path, offsets):
     folder = world.write_keypoints(tmp_path / "keypoints", range(3))
     observations = world.observations(Detections.open(world.capture, folder))

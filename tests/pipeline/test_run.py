@@ -492,6 +492,7 @@ def test_an_actor_comes_first_for_its_bones_tell_the_scale(videos, done, tmp_pat
     assert (tmp_path / "dance" / "capture" / "actor.glb").read_bytes() == actor.read_bytes()
 
 
+@pytest.mark.slow
 def test_an_actor_becomes_as_tall_as_the_height_that_is_given(videos, done, tmp_path):
     """As tall as the world of the cameras, whose scale the height tells too."""
     out, actor, bare = tmp_path / "dance", tmp_path / "me.glb", tmp_path / "me.obj"

@@ -69,6 +69,7 @@ def test_given_masks_are_left_alone(world):
     assert mask_record(same, found)["0"] == {"cam0": {"source": "given"}, "cam1": {"source": "given"}}
 
 
+@pytest.mark.slow
 def test_one_missing_mask_is_found_beside_one_that_is_given(world, bare):
     capture = bare.with_masks({0: [world.truth.masks[0, 0], None]})
     settings = SegmentationSettings(rounds=1)

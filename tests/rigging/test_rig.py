@@ -143,8 +143,8 @@ def test_joints_that_are_given_are_kept(relaxed):
     ("mesh", "words"),
     [
         ("ball", "does not look like a standing person"),
-        ("column", "where a standing person has it"),
-        ("one-armed", "no left forearm"),
+        pytest.param("column", "where a standing person has it", marks=pytest.mark.slow),
+        pytest.param("one-armed", "no left forearm", marks=pytest.mark.slow),
         ("handful", "usable triangles"),
     ],
 )

@@ -63,6 +63,7 @@ def test_the_hull_of_a_ball_is_closed_and_holds_the_ball():
     assert np.einsum("fi,fi->f", np.cross(b - a, c - a), a).sum() > 0, "inside out"
 
 
+@pytest.mark.slow
 def test_pictures_draw_the_surface_in_to_the_ball():
     views = seen(*ring(10))
     errors = []

@@ -126,6 +126,7 @@ def test_an_arm_that_left_its_way_for_a_frame_is_searched_from_halfway(world):
     assert looked_back(world, poses, BackwardSearch(foreign=2.0, acceleration_limit=1e5))[2].revised == ()
 
 
+@pytest.mark.slow
 def test_an_answer_that_hides_the_limb_does_not_count(world, monkeypatch):
     """The search stands for one that finds the truth."""
     monkeypatch.setattr(BodySearch, "group", lambda *_: (world.pose(LOST), np.zeros(39)))
