@@ -45,6 +45,8 @@ def frame_features(
     as far as it is above `_EXPLAINED`. Frames that were passed over lie between those around them.
     """
     looked_at = [result.signals is not None for result in results]
+    if not any(looked_at):
+        return np.zeros((len(results), len(FRAME_FEATURES)))
     inlier, cameras = inlier[looked_at], inlier.shape[1]
     count = len(inlier)
     gaps = np.full((count, cameras, cameras), np.nan)
@@ -100,7 +102,7 @@ def _between(
     values: Float[np.ndarray, "looked *feature"], looked_at: Sequence[bool]
 ) -> Float[np.ndarray, "frame *feature"]:
     """Interpolate what was measured of the frames that were looked at for all frames; 0 where there are none."""
-    if not any(looked_at):
+    if not len(values):
         return np.zeros((len(looked_at), *values.shape[1:]))
     at, frames = np.flatnonzero(looked_at), np.arange(len(looked_at))
     columns = values.reshape(len(at), -1).T.astype(float)

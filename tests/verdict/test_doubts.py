@@ -177,6 +177,27 @@ def test_where_no_views_can_be_compared_that_is_the_reason_of_what_doubt_there_i
     np.testing.assert_array_equal(trusted(far[1], doubted(far[1]))[0][1], far[1][0].confidence)
 
 
+def test_wide_apart_is_not_the_same_as_a_single_camera(true_result):
+    """Neither can be compared; a camera that shows nothing of the body has costs of 1 and covers nothing."""
+    unknown = {"view_gaps": np.full(2, np.nan)}
+    found = []
+    for costs in (np.zeros(2), np.array([0.1, 1.0])):
+        signals = replace(true_result.signals, costs=costs, **unknown)
+        results = [replace(true_result, frame=frame, signals=signals) for frame in range(3)]
+        features = frame_features(results, np.ones((3, 2), bool), SETTINGS)
+        found.append([features[0, FRAME_FEATURES.index(name)] for name in ("alone", "wide apart")])
+    assert found == [[0, 1], [1, 0]]
+
+
+def test_a_frame_passed_over_in_a_film_of_right_frames_is_as_likely_wrong_as_they_are(true_result):
+    results = [replace(true_result, frame=frame) for frame in range(5)]
+    results[2] = replace(results[2], energy={}, signals=None)
+    features = frame_features(results, np.ones((5, 2), bool), SETTINGS)
+    np.testing.assert_allclose(features, np.broadcast_to(features[0], features.shape))
+    nothing = [replace(result, energy={}, signals=None) for result in results]
+    assert frame_features(nothing, np.ones((5, 2), bool), SETTINGS).shape == features.shape
+
+
 def test_what_the_other_cameras_say_still_counts(true_result):
     for changed, reason in (({"uncovered": [0, 0, 3.0]}, OUTLINE), ({"costs": [0, 0, 1.9]}, UNEXPLAINED)):
         assert told(views(true_result, [[1]], **changed)) == [(0, 4, reason)]
