@@ -1,6 +1,6 @@
 """What each of our settings brings: `normal` with one of them left out at a time, on a capture with truth.
 
-    python benchmarks/ablation.py ../shared/data/plaza --frames 50:80 --seeds 0 1 [--only gating retry] [--out FIGURES.json]
+    python benchmarks/ablation.py ../shared/data/plaza --frames 50:80 --seeds 0 1 [--only retry] [--out FIGURES.json]
 
 Registration and appearance are those of the seed, made once. A row says how far markers and joints are off (joints are
 those that rigs share), the acceleration of the joints, and the seconds that a frame takes, the first three left out,

@@ -21,8 +21,6 @@ _CHECK_THEIR_OWN = {
     "jaxmocap.motion._motion.Motion.__init__",
     "jaxmocap.metrics._markers.marker_error",
     "jaxmocap.metrics._surface.silhouette_iou",
-    # These broadcast.
-    "jaxmocap.geometry._residuals.pluecker_line",
 }
 
 

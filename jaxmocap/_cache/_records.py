@@ -1,4 +1,4 @@
-"""Nested records as named arrays and one JSON text, without pickle: what checkpoints and kept stages are made of.
+"""Nested records as named arrays and one JSON text, without pickle: what checkpoints and cached stages are made of.
 
 Numbers, texts, arrays, lists, tuples, deques, dictionaries and the package's own dataclasses and named tuples come back
 exactly as they were. Reading builds nothing but these, so a file from a stranger cannot run code.

@@ -12,7 +12,7 @@ from jaxmocap._runtime import cache_folder
 from ._records import UnreadableRecord, digest, read_records, write_records
 
 LARGEST = 2 << 30
-"""Bytes that kept stages may take; those that have not been used for longest go first."""
+"""Bytes that cached stages may take; those that have not been used for longest go first."""
 
 
 def cached_stage(name: str, inputs: Mapping[str, Any], make: Callable[[], Any], folder: Path | None = None) -> Any:

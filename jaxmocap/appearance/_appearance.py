@@ -1,8 +1,6 @@
 """The Appearance record: what the person and the surroundings look like to every camera."""
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import equinox as eqx
@@ -11,19 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
-from jaxmocap._results import InputError
 from jaxmocap._types import Quality
 
 from ._background import BackgroundModel, fit_background, nearest_selected
 from ._background_grid import GridSettings
-from ._colour_model import ColourModel, ColourSettings
+from ._colour_model import ColourSettings
 from ._foreground import ForegroundModel, ForegroundSettings, fit_foreground
-from ._palette import Palette, fit_palette, palette_from_colours, psi_table
+from ._palette import Palette, fit_palette, psi_table
 from ._plate import PlateSettings
 from ._warp import WarpSettings
-
-FORMAT = 1
-"""Version of the stored form."""
 
 
 class AppearanceSettings(eqx.Module):
@@ -76,48 +70,6 @@ class Appearance(eqx.Module):
     def background_table(self, camera: int, selected: int, dtype: Any = jnp.float16) -> Float[Array, "triangle colour"]:
         """Return psi_b of every grid triangle at every palette colour, for one camera and selected frame."""
         return psi_table(self.background[camera, selected].colours, self.palette, self.settings.colour, dtype)
-
-    def to_arrays(self) -> dict[str, np.ndarray]:
-        """Return plain arrays for `numpy.savez`; the settings as JSON text. `from_arrays` reads them back."""
-        arrays = {
-            "format": np.asarray(FORMAT),
-            "selected_frames": np.asarray(self.selected_frames),
-            "sizes": np.asarray(self.sizes),
-            "settings": np.asarray(json.dumps(_plain(self.settings))),
-            "palette": np.asarray(self.palette.colours),
-            "background.source": np.asarray(self.background.source),
-            "foreground.pixel_counts": np.asarray(self.foreground.pixel_counts),
-            "foreground.source": np.asarray(self.foreground.source),
-        }
-        for name, model in (("foreground", self.foreground.colours), ("background", self.background.colours)):
-            arrays |= {f"{name}.{field.name}": np.asarray(getattr(model, field.name)) for field in fields(model)}
-        return arrays
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "Appearance":
-        """Read the record that `to_arrays` wrote. Raises `InputError` for another version or a missing array."""
-        if "format" not in arrays or int(arrays["format"]) != FORMAT:
-            found = int(arrays["format"]) if "format" in arrays else "none"
-            raise InputError(f"The stored appearance has format {found}, this version reads {FORMAT}; fit it again.")
-        try:
-            models = {
-                name: ColourModel(*(jax.device_put(arrays[f"{name}.{field.name}"]) for field in fields(ColourModel)))
-                for name in ("foreground", "background")
-            }
-            return cls(
-                ForegroundModel(
-                    models["foreground"],
-                    jax.device_put(arrays["foreground.pixel_counts"]),
-                    jax.device_put(arrays["foreground.source"]),
-                ),
-                BackgroundModel(models["background"], jax.device_put(arrays["background.source"])),
-                palette_from_colours(arrays["palette"]),
-                _settings_from(AppearanceSettings, json.loads(str(arrays["settings"]))),
-                tuple(int(frame) for frame in arrays["selected_frames"]),
-                tuple((int(width), int(height)) for width, height in arrays["sizes"]),
-            )
-        except KeyError as missing:
-            raise InputError(f"The stored appearance lacks the array {missing}; fit it again.") from missing
 
 
 def fit_appearance(
@@ -188,29 +140,6 @@ def _palette_pixels(image: np.ndarray, person: np.ndarray) -> UInt8[np.ndarray, 
     """Sample an image such that the person has as many pixels as the background."""
     sides = [image[side] for side in (person, ~person) if side.any()]
     return np.concatenate([side[np.arange(10_000) * len(side) // 10_000] for side in sides])
-
-
-def _plain(settings: eqx.Module) -> dict[str, Any]:
-    """Write settings as nested dictionaries of JSON values."""
-    plain: dict[str, Any] = {}
-    for field in fields(settings):
-        value = getattr(settings, field.name)
-        if isinstance(value, eqx.Module):
-            plain[field.name] = _plain(value)
-        else:
-            plain[field.name] = float(value) if isinstance(value, jax.Array) else value
-    return plain
-
-
-def _settings_from(kind: type, plain: Mapping[str, Any]) -> Any:
-    defaults = kind()
-    values = {}
-    for name, value in plain.items():
-        default = getattr(defaults, name)
-        if isinstance(default, eqx.Module):
-            value = _settings_from(type(default), value)
-        values[name] = tuple(value) if isinstance(value, list) else value
-    return kind(**values)
 
 
 def appearance_preset(quality: Quality) -> AppearanceSettings:

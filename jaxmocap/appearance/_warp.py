@@ -45,8 +45,8 @@ class GridWarp:
     """A warped grid. `vertices` are (x, y) in pixels of the target frame, in the order of `grid_vertices`.
 
     `rest` is the pre-warped grid that the similarity term compares with, `homography` maps the selected frame to the
-    target. `residual` is the robust mean of the feature residuals in pixels, `inliers` the share of features that keep
-    more than a quarter of their weight. `age` counts frames since `alpha` was chosen.
+    target. `residual` is the robust mean of the feature residuals in pixels. `age` counts frames since `alpha` was
+    chosen.
     """
 
     vertices: Float[np.ndarray, "vertex 2"]
@@ -54,7 +54,6 @@ class GridWarp:
     homography: Float[np.ndarray, "3 3"]
     alpha: float
     residual: float
-    inliers: float
     age: int
 
 
@@ -185,11 +184,11 @@ def warp_grid(
     ]
     costs = [
         residual + 0.01 * _roughness(regular, vertices, grid) if len(candidates) > 1 else 0.0
-        for vertices, residual, _ in solutions
+        for vertices, residual in solutions
     ]
     best = int(np.argmin(costs))
-    vertices, residual, inliers = solutions[best]
-    return GridWarp(vertices, rest, homography, candidates[best], residual, inliers, 0 if choose else previous.age + 1)
+    vertices, residual = solutions[best]
+    return GridWarp(vertices, rest, homography, candidates[best], residual, 0 if choose else previous.age + 1)
 
 
 def _safe_homography(features_from: np.ndarray, features_to: np.ndarray, regular: np.ndarray) -> np.ndarray:
@@ -206,8 +205,8 @@ def _safe_homography(features_from: np.ndarray, features_to: np.ndarray, regular
 
 def _unchanged(regular: np.ndarray, settings: WarpSettings, previous: GridWarp | None) -> GridWarp:
     if previous is not None:
-        return replace(previous, residual=float("nan"), inliers=0.0, age=previous.age + 1)
-    return GridWarp(regular, regular, np.eye(3), settings.alphas[0], float("nan"), 0.0, settings.choose_every)
+        return replace(previous, residual=float("nan"), age=previous.age + 1)
+    return GridWarp(regular, regular, np.eye(3), settings.alphas[0], float("nan"), settings.choose_every)
 
 
 def _temporal_anchor(
@@ -241,8 +240,8 @@ def _reweighted(
     alpha: float,
     anchor: _BandedNormal | None,
     settings: WarpSettings,
-) -> tuple[np.ndarray, float, float]:
-    """Fit by iteratively reweighted least squares for one alpha: vertices, robust mean residual, share of inliers.
+) -> tuple[np.ndarray, float]:
+    """Fit by iteratively reweighted least squares for one alpha: vertices and robust mean residual.
 
     The Geman-McClure scale starts at three times the median residual of `start` and falls to `settings.scale`, so that
     parallax against the homography is not taken for an outlier.
@@ -264,7 +263,7 @@ def _reweighted(
         errors = residuals(vertices)
     confidence = (settings.scale**2 / (settings.scale**2 + errors**2)) ** 2
     mean = float(np.sum(confidence * errors) / max(confidence.sum(), 1e-12))
-    return vertices, mean, float(np.mean(confidence > 0.25))
+    return vertices, mean
 
 
 def _roughness(regular: np.ndarray, vertices: np.ndarray, grid: GridSettings) -> float:

@@ -164,12 +164,6 @@ def clean_mesh(
     return vertices, _outwards(vertices, faces), weights
 
 
-def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Compute the volume enclosed by outward-facing triangles; negative where they face inwards."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-
-
 def _weld(vertices: np.ndarray, tolerance: float) -> np.ndarray:
     """For every vertex its welded number; groups are numbered in the order of their first vertex."""
     pairs = KDTree(vertices).query_pairs(tolerance, output_type="ndarray")

@@ -8,12 +8,8 @@ from ._mesh import (
     vertex_normals as vertex_normals,
 )
 from ._residuals import (
-    geman_mcclure as geman_mcclure,
-    geman_mcclure_weight as geman_mcclure_weight,
     huber as huber,
     huber_weight as huber_weight,
-    pluecker_line as pluecker_line,
-    point_line_residual as point_line_residual,
 )
 from ._similarity import (
     IDENTITY as IDENTITY,

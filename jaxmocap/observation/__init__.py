@@ -24,7 +24,6 @@ from ._features import (
     FrameFeatures as FrameFeatures,
     frame_features as frame_features,
     match_background as match_background,
-    remove_foreground as remove_foreground,
 )
 from ._flow import (
     dense_flow as dense_flow,

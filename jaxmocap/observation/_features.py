@@ -1,14 +1,11 @@
 """Background features matched between two frames of a camera, and the empty scene seen through them (Fig. 5)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
-
-from jaxmocap.appearance import GridSettings, grid_coordinates, grid_ids, grid_vertices
 
 Matches = tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]
 """Pixels (x, y) in the first and in the second frame, centre of the first pixel at (0.5, 0.5)."""
@@ -151,61 +148,6 @@ def track_points(
     if mask_to is not None:
         keep[keep] = ~mask_to[points_to[keep, 1].astype(int), points_to[keep, 0].astype(int)]
     return points_from[keep], points_to[keep]
-
-
-def remove_foreground(
-    images: Sequence[UInt8[np.ndarray, "height width 3"]],
-    masks: Sequence[Bool[np.ndarray, "height width"]],
-    vertices: Sequence[Float[np.ndarray, "vertex 2"] | None],
-    target: int,
-    grid: GridSettings | None = None,
-    *,
-    mask_growth: int = 7,
-) -> UInt8[np.ndarray, "height width 3"]:
-    """Remove the person from the selected frame `images[target]` (Fig. 5). For display only.
-
-    `vertices[n]` is the grid of selected frame n warped to the target frame; None leaves that frame out, and the
-    target's own is not used. The person is filled with the per-pixel median of the other warped frames where they show
-    background, and the rest by Telea's inpainting. All frames are of one camera.
-    """
-    grid = GridSettings() if grid is None else grid
-    hole = _grown(masks[target], mask_growth)
-    layers = []
-    for n, (image, mask) in enumerate(zip(images, masks, strict=True)):
-        moved = vertices[n]
-        if n != target and moved is not None:
-            warped, seen = warp_image(image, ~_grown(mask, mask_growth), moved, grid)
-            layers.append(np.where(seen[..., None], warped.astype(np.float32), np.nan)[hole])
-    filled = images[target].copy()
-    rest = hole.copy()
-    if layers:
-        stack = np.stack(layers)
-        known = np.isfinite(stack[..., 0]).max(axis=0)
-        values = np.zeros((stack.shape[1], 3), np.float32)
-        values[known] = np.nanmedian(stack[:, known], axis=0)
-        filled[hole] = np.where(known[:, None], np.round(values).astype(np.uint8), filled[hole])
-        rest[hole] = ~known
-    return cv2.inpaint(filled, rest.astype(np.uint8), 5, cv2.INPAINT_TELEA) if rest.any() else filled
-
-
-def warp_image(
-    image: UInt8[np.ndarray, "height width 3"],
-    usable: Bool[np.ndarray, "height width"],
-    vertices: Float[np.ndarray, "vertex 2"],
-    grid: GridSettings | None = None,
-) -> tuple[UInt8[np.ndarray, "height width 3"], Bool[np.ndarray, "height width"]]:
-    """Warp an image by its grid (affine per triangle), and mark where the result comes from usable pixels."""
-    grid = GridSettings() if grid is None else grid
-    height, width = image.shape[:2]
-    regular = grid_vertices(height, width, grid.rows, grid.columns)
-    covered = GridSettings(rows=grid.rows, columns=grid.columns, fill="none")
-    ids = grid_ids(vertices, height, width, covered, rest=regular)
-    source = grid_coordinates(vertices, ids, grid) - 0.5
-    columns, rows = cv2.split(source)
-    warped = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    nearest = np.round(source).astype(int)
-    column, row = np.clip(nearest[..., 0], 0, width - 1), np.clip(nearest[..., 1], 0, height - 1)
-    return warped, (ids >= 0) & usable[row, column]
 
 
 def _lucas_kanade(first: np.ndarray, second: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

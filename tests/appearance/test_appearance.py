@@ -2,9 +2,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxmocap._results import InputError
 from jaxmocap.appearance import (
-    Appearance,
     AppearanceSettings,
     ColourSettings,
     ForegroundSettings,
@@ -75,25 +73,6 @@ def test_a_missing_mask_is_replaced_by_the_rendered_silhouette(scene, appearance
     without = fit_appearance(ids, images, facing, FACES, (0, 10), key=jax.random.key(0), settings=SETTINGS)
     np.testing.assert_array_equal(without.background.source, appearance.background.source)
     np.testing.assert_array_equal(without.foreground.pixel_counts, appearance.foreground.pixel_counts)
-
-
-def test_a_stored_appearance_comes_back_bit_by_bit(appearance, tmp_path):
-    np.savez(tmp_path / "appearance.npz", **appearance.to_arrays())
-    with np.load(tmp_path / "appearance.npz", allow_pickle=False) as stored:
-        back = Appearance.from_arrays(stored)
-    assert jax.tree.structure(back) == jax.tree.structure(appearance)
-    for first, second in zip(jax.tree.leaves(back), jax.tree.leaves(appearance), strict=True):
-        np.testing.assert_array_equal(first, second)
-        assert first.dtype == second.dtype
-
-
-def test_another_version_or_a_missing_array_is_refused(appearance):
-    arrays = appearance.to_arrays()
-    with pytest.raises(InputError, match="format 99"):
-        Appearance.from_arrays({**arrays, "format": np.asarray(99)})
-    del arrays["background.means"]
-    with pytest.raises(InputError, match=r"background\.means"):
-        Appearance.from_arrays(arrays)
 
 
 def test_models_can_be_swept_over_the_floor_without_fitting_again(appearance):

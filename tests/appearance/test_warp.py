@@ -31,7 +31,6 @@ def test_a_similarity_is_reproduced_exactly(prewarp, alpha):
     warp = warp_grid(points, points @ turn.T + (30, -20), SIZE, WarpSettings(alphas=(alpha,), prewarp=prewarp))
     assert np.abs(warp.vertices - (grid_vertices(*SIZE) @ turn.T + (30, -20))).max() < 1e-6
     assert warp.residual < 1e-6
-    assert warp.inliers == 1
 
 
 def test_homography_and_parallax_with_outliers_and_a_hole_stay_below_a_pixel():
@@ -47,7 +46,6 @@ def test_homography_and_parallax_with_outliers_and_a_hole_stay_below_a_pixel():
     assert error.mean() < 0.5
     assert np.percentile(error, 95) < 1
     assert error[hole].mean() < 0.5
-    assert 0.85 < warp.inliers < 0.95
     plain = warp_grid(points, targets, SIZE, WarpSettings(prewarp="none"))
     assert np.linalg.norm(plain.vertices - truth(regular), axis=1).mean() > error.mean()
 

@@ -14,9 +14,7 @@ from jaxmocap.observation._features import (
     _consistent,
     frame_features,
     match_background,
-    remove_foreground,
     track_points,
-    warp_image,
 )
 
 DATA = Path(os.environ.get("JAXMOCAP_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
@@ -116,28 +114,6 @@ def test_few_direct_matches_are_completed_by_tracks(texture):
     points, moved = match_background(unrelated, None, shifted, None, previous=(texture, (earlier + 30, earlier)))
     assert len(points) > 100
     np.testing.assert_allclose(np.median(moved - points, axis=0), (2 - 30, 1 - 30), atol=0.05)
-
-
-def test_a_warped_image_follows_its_grid_to_the_pixel(texture):
-    vertices = grid_vertices(300, 400) + (10, -6)
-    usable = ~square(texture.shape, 100, 100, 50)
-    warped, seen = warp_image(texture, usable, vertices)
-    np.testing.assert_array_equal(warped[:290, 15:], texture[6:296, 5:390])
-    np.testing.assert_array_equal(seen[:290, 15:], usable[6:296, 5:390])
-    assert not seen[:, :9].any()
-
-
-def test_the_person_is_replaced_by_what_other_frames_show(texture):
-    person = [square(texture.shape, 120, 100, 60), square(texture.shape, 120, 240, 60)]
-    frames = [np.where(mask[..., None], np.uint8([255, 0, 0]), texture) for mask in person]
-    frames[1] = np.roll(frames[1], (0, 8), axis=(0, 1))
-    person[1] = np.roll(person[1], (0, 8), axis=(0, 1))
-    back = grid_vertices(300, 400) - (8, 0)
-    clean = remove_foreground(frames, person, [None, back], 0)
-    np.testing.assert_array_equal(clean, texture)
-    alone = remove_foreground(frames[:1], person[:1], [None], 0)
-    np.testing.assert_array_equal(alone[:100], texture[:100])
-    assert alone[150, 130, 0] < 250
 
 
 class Plaza:

@@ -86,7 +86,7 @@ def test_weights_are_array_leaves():
 @pytest.mark.parametrize(
     ("name", "value", "sentence"),
     [
-        ("serach.calm", "off", "there is no 'serach'; choose one of search_energy, search, refine"),
+        ("serach.gating", "off", "there is no 'serach'; choose one of search_energy, search, refine"),
         ("search.speed", "1", "there is no 'speed'; choose one of step, iterations, faces, particles"),
         (
             "search_energy.terms.colour.weight",

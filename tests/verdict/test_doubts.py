@@ -211,19 +211,19 @@ def test_no_camera_is_odd_where_none_agree_or_as_many_do_on_either_side(true_res
         assert told(results) == [(0, 4, APART)]
 
 
-def test_a_camera_too_far_from_all_others_is_heard(true_result):
+def test_a_camera_too_far_from_all_others_counts(true_result):
     results = views(true_result, [], uncovered=[0, 0, 3.0], unknown=[2])
     assert odd(results) == []
     assert told(results) == [(0, 4, OUTLINE)]
 
 
-def test_a_frame_that_was_not_looked_at_between_frames_with_an_odd_camera_stays_doubtful(true_result):
+def test_a_frame_that_was_not_looked_at_between_frames_with_an_outlier_camera_stays_doubtful(true_result):
     results = views(true_result, [[1]])
     results[2] = replace(results[2], energy={}, signals=None, status="doubtful")
     assert [status for status, _ in trusted(results, doubted(results))] == ["ok", "ok", "doubtful", "ok", "ok"]
 
 
-def test_two_cameras_are_always_heard(true_result):
+def test_two_cameras_always_count(true_result):
     """Of five cameras others agree in every frame; each is alone in three of five frames."""
     results = [views(true_result, [[c] for c in range(5) if c not in (f, (f + 1) % 5)], 5)[f] for f in (0, 2, 4, 1, 3)]
     results = [replace(result, frame=frame) for frame, result in enumerate(results)]
