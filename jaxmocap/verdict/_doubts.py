@@ -61,8 +61,8 @@ def doubts(
     These are frames that are wrong with a probability (`FRAME_MODEL`, of their `features`) above `settings.risk`, for
     the reason that makes most of it in a span; whose root is too fast; and where the pictures tell too little:
     `deviations` are the standard deviations of a joint along one axis, median over the body, in metres, where they are
-    known. Where half of the `registered` frames are doubtful, all frames are. Frames that were passed over show nothing
-    themselves and are left out.
+    known. Where half of the `registered` frames are doubtful, so are all frames that lie nearest to one of these.
+    Frames that were passed over show nothing themselves and are left out.
     """
     looked_at = np.array([bool(result.energy) for result in results])
     risky = looked_at & (probability(FRAME_MODEL.logit(features)) > settings.risk)
@@ -78,8 +78,11 @@ def doubts(
         why[first:stop] = max(shares, key=lambda reason: shares[reason])
     lost = np.array([result.status == "lost" for result in results])
     known = looked_at & np.isin([result.frame for result in results], list(registered))
-    if known.any() and (lost | (why != ""))[known].mean() >= 0.5:
-        why[looked_at & ~lost & (why == "")] = REGISTERED
+    wrong = lost | (why != "")
+    if known.any() and wrong[known].mean() >= 0.5:
+        at = np.flatnonzero(known)
+        nearest = at[np.abs(np.arange(len(results))[:, None] - at).argmin(axis=1)]
+        why[looked_at & ~wrong & wrong[nearest]] = REGISTERED
     found = [
         Doubt(results[first].frame, results[stop - 1].frame, reason)
         for reason in dict.fromkeys(why[why != ""].tolist())

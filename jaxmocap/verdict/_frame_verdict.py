@@ -50,7 +50,7 @@ class VerdictSettings:
     risk: float = 0.2
     limb_risk: float = 0.3
     hidden: float = 0.25
-    joint_deviation: float = 0.0135
+    joint_deviation: float = 0.009
     lost: float = 0.55
     top_speed: float = 15.0
     least_pixels: int = 30
