@@ -66,7 +66,8 @@ def joint_covariances(
     trusted = [result.confidence for result in results] if confidence is None else confidence
     doubt = 1 - np.stack([np.asarray(row, np.float32) for row in trusted])
     numbers = jax.tree.map(jnp.float32, settings)  # arrays: other settings share the program
-    found = _covariances(skeleton, poses, *jax.device_put((hessians, deviations, doubt)), numbers)
+    hessians, deviations, doubt = jax.device_put((hessians, deviations, doubt))
+    found = _covariances(skeleton, poses, hessians, deviations, doubt, numbers)
     return np.asarray(found) + (settings.floor**2 + misfit**2) * np.eye(3, dtype=np.float32)
 
 
