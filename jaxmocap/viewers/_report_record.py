@@ -197,15 +197,15 @@ def _reported_joints(motion: Motion) -> list[str]:
 
 
 def _uncertainty(motion: Motion) -> dict[str, Any] | None:
-    """List standard deviations in centimetres: mean over the joints, and each wrist and ankle, which err most."""
+    """List standard deviations in centimetres: median over the joints, and each wrist and ankle, which err most."""
     deviations = motion.joint_deviations
     if deviations is None:
         return None
     names = [f"{side}_{end}" for end in ("wrist", "ankle") for side in "lr"]
     curves = {name: 100 * deviations[:, motion.joint_names.index(name)] for name in names if name in motion.joint_names}
     joints = [motion.joint_names.index(joint) for joint in _reported_joints(motion)]
-    mean = 100 * deviations[:, joints].mean(axis=1)
-    return {name: _rounded(values, 2) for name, values in {"mean over joints": mean, **curves}.items()}
+    median = 100 * np.median(deviations[:, joints], axis=1)
+    return {name: _rounded(values, 2) for name, values in {"median over joints": median, **curves}.items()}
 
 
 def _foot_contact(motion: Motion) -> dict[str, list[int]] | None:

@@ -168,7 +168,7 @@ class ResultViewer:
         self._add_plot("Confidence, mean over joints", {"confidence": motion.confidence.mean(axis=1)})
         deviations = motion.joint_deviations
         if deviations is not None:
-            self._add_plot("Uncertainty, mean over joints, cm", {"deviation": 100 * deviations.mean(axis=1)})
+            self._add_plot("Uncertainty, median over joints, cm", {"deviation": 100 * np.median(deviations, axis=1)})
 
     def _add_plot(self, title: str, curves: dict[str, np.ndarray]) -> None:
         x = self.shown.motion.frames.astype(np.float64)

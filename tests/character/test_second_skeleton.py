@@ -283,7 +283,7 @@ def test_isb_angles_of_none_of_a_person_s_joints_are_refused(strange, tmp_path):
 def test_the_report_plots_the_landmarks_there_are(motion):
     deviations = np.broadcast_to(1e-4 * np.eye(3, dtype=np.float32), (*motion.joints.shape, 3))
     record = report_record(replace(motion, covariance=deviations), {})
-    assert set(record["uncertainty"]) == {"mean over joints", "l_wrist"}
+    assert set(record["uncertainty"]) == {"median over joints", "l_wrist"}
     assert "l_elbow" in record["confidence"]["names"]
 
 

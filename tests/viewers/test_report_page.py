@@ -255,7 +255,7 @@ def test_the_uncertainty_is_in_centimetres_along_one_axis(tmp_path):
     np.testing.assert_allclose(data["uncertainty"]["r_wrist"], expected, atol=0.006)
     expected[3] *= 2
     np.testing.assert_allclose(data["uncertainty"]["l_wrist"], expected, atol=0.006)
-    assert next(iter(data["uncertainty"])) == "mean over joints"
+    assert next(iter(data["uncertainty"])) == "median over joints"
 
 
 def test_the_page_knows_in_which_frames_a_foot_stands(tmp_path):
