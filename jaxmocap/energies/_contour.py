@@ -1,6 +1,6 @@
 """Contour correspondences of sec. 4.2: points of the projected contour and the image edges they belong to."""
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,23 +19,26 @@ class ContourSettings(eqx.Module):
     """How contour points look for their edge. The paper says only "close enough" with "best consistent colour and
     orientation"; the numbers are ours.
 
-    `contours` "outer" is the silhouette (the paper); "outer+occluding" adds depth discontinuities inside it. `step`
-    takes every step-th contour pixel. No edge farther than `within` pixels counts: like `reach`, which is compiled in,
-    but free to change. `capacity` bounds the contour pixels per view; of more, as many count, at even distances.
-    `inside` says that edge pixels are the outermost ones of a mask, which belong to the outermost ones of the drawn
-    mesh.
+    Attributes:
+        reach: pixels along the normal, either way, in which an edge is looked for; compiled in.
+        step: every so many contour pixels one is taken; 2.
+        capacity: contour pixels per view at most; of more, as many count, at even distances.
+        inside: edge pixels are the outermost ones of a mask, which belong to the outermost ones of the drawn mesh;
+            False.
+        colour_scale: distance of colours, of full scale, that counts as the most; 0.3.
+        accept_score: 0.4 distance + 0.3 orientation + 0.3 colour below which an edge is accepted; 0.5.
+        accept_cosine: of the angle between the edge's gradient and the normal, at least; 0.85.
+        within: pixels beyond which no edge counts: like `reach`, but free to change without compiling.
     """
 
     reach: int = eqx.field(static=True, default=15)
     step: int = eqx.field(static=True, default=2)
     capacity: int = eqx.field(static=True, default=2048)
     inside: bool = eqx.field(static=True, default=False)
-    contours: Literal["outer", "outer+occluding"] = eqx.field(static=True, default="outer")
     colour_scale: Knob = knob(0.3)
     accept_score: Knob = knob(0.5)
     accept_cosine: Knob = knob(0.85)
     within: Knob = knob(1e3)
-    depth_gap: Knob = knob(0.06)
 
 
 class ContourPoints(NamedTuple):
@@ -70,12 +73,7 @@ def contour_points(
     covered = ids >= 0
     boundary = jnp.zeros_like(covered)
     for rows, columns in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-        other = _shift(covered, rows, columns, True)
-        boundary |= covered & ~other
-        if settings.contours == "outer+occluding":
-            farther = _shift(inverse_depth, rows, columns, 1e3)
-            gap = 1.0 / jnp.maximum(farther, 1e-6) - 1.0 / jnp.maximum(inverse_depth, 1e-6)
-            boundary |= covered & other & (gap > settings.depth_gap)
+        boundary |= covered & ~_shift(covered, rows, columns, True)
     inner = jnp.zeros((height, width), bool).at[2:-2, 2:-2].set(True)
     row, column = jnp.arange(height)[:, None], jnp.arange(width)[None, :]
     chosen = boundary & inner & ((row + column) % settings.step == 0)

@@ -29,11 +29,15 @@ def uncovered_cost(background: Array, epsilon: float | Array = 1e-3) -> Array:
 class ModelView(AbstractTerm):
     """Eq. 6, summed over the views (the first sum of Eq. 5).
 
-    `uncovered_scale` 1 is the printed equation; 2 makes both sides symmetric; more trusts the background more than the
-    surface's colours, which pays where it is a clean plate. `outside` is the cost of a mesh pixel that leaves the
-    rectangle but not the picture: 1 keeps a pose from hiding there, 0 is the printed equation. With `shading` "palette"
-    psi_f is looked up in a table of palette colours (`palette_error` says what that costs), with "exact" every covered
-    pixel is compared with the Gaussians of its face, which is much slower.
+    Attributes:
+        weight: of the term; 1, as printed.
+        epsilon: what keeps the quotients of Eq. 6 finite, in units of psi; 0.001.
+        uncovered_scale: of the cost of uncovered pixels: 1 is the printed equation; 2 makes both sides symmetric; more
+            trusts the background more than the surface's colours, which pays where it is a clean plate.
+        outside: cost of a mesh pixel that leaves the rectangle but not the picture: 1 keeps a pose from hiding there, 0
+            is the printed equation.
+        shading: "palette" looks psi_f up in a table of palette colours (`palette_error` says what that costs); "exact"
+            compares every covered pixel with the Gaussians of its face, which is much slower.
     """
 
     weight: Knob = knob(1.0)

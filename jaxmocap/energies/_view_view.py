@@ -87,12 +87,16 @@ class _Prepared(NamedTuple):
 
 
 class ViewView(AbstractTerm):
-    """Eq. 7, summed over ordered camera pairs; `weight` is lambda = 0.3 of Eq. 5.
+    """Eq. 7, summed over ordered camera pairs.
 
-    `step` scores every step-th pixel in both directions: 1 (the paper), 2, 4 or 8. `sampling` of the other image:
-    "bilinear" or "nearest". `fail` is the cost of a pixel whose partner is not geodesically near: "tau" (the paper) or
-    "ignore" (left out of the mean). `outside` says the same of partners that leave the other rectangle. `colour_scale`
-    divides the colour distance before the cap (1 is the paper).
+    Attributes:
+        weight: lambda of Eq. 5; 0.3, the paper's.
+        colour_scale: divides the colour distance before the cap; 1 is the paper.
+        step: every so many pixels, in both directions, one is scored: 1 (the paper), 2, 4 or 8.
+        sampling: of the other image, "bilinear" or "nearest".
+        fail: cost of a pixel whose partner is not geodesically near, "tau" (the paper) or "ignore" (left out of the
+            mean).
+        outside: the same of partners that leave the other rectangle.
     """
 
     weight: Knob = knob(0.3)

@@ -28,8 +28,12 @@ class LeastSquares(AbstractRefiner):
     radians in double precision, and 2e-3 in single, with `Shooting`, which is exact and the reference. In a tracker the
     two end as near to the truth and take as long (docs/choosing.md); this one compiles sooner and is the default.
 
-    - `method`: `"levenberg_marquardt"` (default) or `"dogleg"`.
-    - `max_steps`: per value of eps. The last one needs 100 to 600.
+    Attributes:
+        method: "levenberg_marquardt" or "dogleg".
+        max_steps: per value of eps; 1024. The last one needs 100 to 600.
+        reweights: solves for the norm "l2"; 10.
+        smoothing: values of eps, radians and metres, one solve after the other.
+        bound_weight: of the penalty of the box, in units of the stiffest degree of freedom; 1000.
     """
 
     method: Method = eqx.field(static=True, default="levenberg_marquardt")

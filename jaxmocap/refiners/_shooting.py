@@ -112,10 +112,13 @@ class Shooting(AbstractRefiner):
     D`. The L1 acts on the whole increment from the previous frame, not on the Gauss-Newton step, so a subject at rest
     gives exact zeros. The paper says "gradient descent" and "shooting" for the same step; this is both.
 
-    - `max_rounds`, `sweeps`: bounds on the rounds and on the coordinate sweeps in each.
-    - `leaps`: between sweeps solve for all coordinates that are free together, see `shooting`; False is the paper.
-    - `tolerance`: a round that moves no coordinate further ends the loop (at least a few roundings of the float type).
-    - `reweights`: solves for the norm `"l2"`.
+    Attributes:
+        max_rounds: Gauss-Newton rounds at most; 30.
+        sweeps: coordinate sweeps at most in each; 100.
+        leaps: between sweeps solve for all coordinates that are free together, see `shooting`; False is the paper.
+        reweights: solves for the norm "l2"; 10.
+        damping: mu at the start, share of the mean of J^T J's diagonal; 0.001.
+        tolerance: a round that moves no coordinate further ends the loop (at least a few roundings of the float type).
     """
 
     max_rounds: int = eqx.field(static=True, default=30)

@@ -23,10 +23,16 @@ from ._windows import FARTHEST_PIXEL
 
 
 class SoftSettings(eqx.Module):
-    """`width` of a pixel's square in pixels: 1 is a camera's pixel, larger ones reach further, 0 in the limit is the
-    hard rasteriser. `layers` faces may share a pixel. `windows`, `pixels` and `shares` bound the 8 x 8 windows, the
-    pixels that anything covers, and the (pixel, face) pairs of one view; `SoftFaces.needed` says what they should have
-    been."""
+    """How wide the soft rasteriser sees, and room for it; `SoftFaces.needed` says how much there should have been.
+
+    Attributes:
+        width: of a pixel's square, pixels: 1 is a camera's pixel, larger ones reach further, 0 in the limit is the hard
+            rasteriser.
+        layers: faces that may share a pixel.
+        windows: windows of 8 x 8 pixels of one view at most.
+        pixels: pixels of one view that anything covers at most.
+        shares: pairs of pixel and face of one view at most.
+    """
 
     width: Knob = knob(1.0)
     layers: int = eqx.field(static=True, default=12)

@@ -31,9 +31,16 @@ class CrossEntropyState(AbstractState):
 class CrossEntropy(AbstractSampler):
     """The cross-entropy method, Rubinstein, Methodology and Computing in Applied Probability 1, 1999.
 
-    Draw from a Gaussian with independent dimensions, refit it to the best share `elites` of the particles, repeat.
-    `smoothing` is the share of the old mean and deviation that is kept; `sigma_min` the floor of the deviation (scalar
-    or one per dimension).
+    Draw from a Gaussian with independent dimensions, refit it to the best of the particles, repeat.
+
+    Attributes:
+        num_particles: 168, that of seven degrees of freedom (`particles_for`).
+        num_iterations: 25, as of the annealing.
+        elites: best share of the particles; 0.15.
+        answer: "best_if_better", or "mean".
+        smoothing: share of the old mean and deviation that is kept; 0.2.
+        sigma_min: floor of the deviation, scalar or one value per dimension, in the units of the dimension; 0.25
+            degrees.
     """
 
     num_particles: int = eqx.field(static=True, default=168)

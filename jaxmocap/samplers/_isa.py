@@ -56,27 +56,29 @@ class InteractingSimulatedAnnealing(AbstractSampler):
     `alpha` times that of the selected set. The estimate is the weighted average of the last evaluated set, before any
     further move.
 
-    **Main arguments**
-
-    - `num_particles`, `num_iterations`: 168 for seven degrees of freedom (`particles_for`), 25.
-    - `sigma_min`: floor of the noise, scalar or one value per dimension, in the units of the dimension. Default 0.25
-      degrees; give an array with 0.002 for translations in metres.
-    - `answer`: `"best_if_better"` (default) or `"mean"`, the paper's weighted average.
-
-    **Other arguments**
-
-    - `schedule`: `"ess"` (default) chooses beta so that the effective sample size is `survival * num_particles`.
-      `"poly_std"` is `(t + 1)^exponent` on energies divided by their standard deviation at iteration 0. `"poly_raw"` is
-      the published `beta_factor * (t + 1)^exponent`. The paper names no schedule. On energies that are averages over
-      pixels, in [0, 1], `"poly_raw"` with factor 1 gives all particles the same weight: nothing is selected and the
-      cloud spreads.
-    - `beta_min`, `beta_max`: range of the `"ess"` search; it fits energies that differ by 1e-7 to 1e2.
-    - `strict`: never let beta decrease.
-    - `epsilon`: `"inverse_max"` keeps the best particle surely; `"zero"` redraws all (annealed particle filter).
-    - `resampling`: `"multinomial"` (as published) or `"systematic"` for the redrawn part.
-
     Departures from the publication: the noise floor, mirrors at the limits instead of a truncated Gaussian, and a set
-    of equal energies is moved by the floor only, so that a flat energy never inflates the cloud.
+    of equal energies is moved by the floor only, so that a flat energy never inflates the cloud. On energies that are
+    averages over pixels, in [0, 1], the published schedule with factor 1 gives all particles the same weight: nothing
+    is selected and the cloud spreads. The paper names no schedule.
+
+    Attributes:
+        num_particles: 168, that of seven degrees of freedom (`particles_for`).
+        num_iterations: 25, the paper's.
+        answer: "best_if_better", or "mean", the paper's weighted average.
+        schedule: "ess" chooses beta so that the effective sample size is `survival * num_particles`; "poly_std" is
+            `(t + 1)^exponent` on energies divided by their standard deviation at iteration 0; "poly_raw" the published
+            `beta_factor * (t + 1)^exponent`.
+        epsilon: "inverse_max" keeps the best particle surely; "zero" redraws all (annealed particle filter).
+        resampling: of the redrawn part, "multinomial" (as published) or "systematic".
+        strict: never let beta decrease; False.
+        survival: effective sample size, share of the particles; 0.3, ours.
+        alpha: factor of the covariance that moves the particles; 0.4, as published.
+        sigma_min: floor of the noise, scalar or one value per dimension, in the units of the dimension; 0.25 degrees,
+            ours. Give an array with 0.002 for translations in metres.
+        exponent: of the polynomial schedules; 0.7, as published.
+        beta_factor: of "poly_raw"; 1.
+        beta_min: least beta of "ess"; with `beta_max` it fits energies that differ by 1e-7 to 1e2.
+        beta_max: largest beta of "ess".
     """
 
     num_particles: int = eqx.field(static=True, default=168)

@@ -13,6 +13,13 @@ from jaxmocap._results import InputError
 
 Settings = TypeVar("Settings")
 
+_SIZED = {
+    "sampler.num_particles": "set search.particles",
+    "sampler.num_iterations": "set search.iterations",
+    "sampler.sigma_min": "the floors are 2 mm and 0.25 degrees",
+}
+"""Settings of a sampler that `SearchPlan.sized` replaces, and what to do."""
+
 
 def with_settings(tracker: Settings, settings: Mapping[str, Any]) -> Settings:
     """Change some settings of a tracker.
@@ -26,6 +33,8 @@ def with_settings(tracker: Settings, settings: Mapping[str, Any]) -> Settings:
     then has its defaults. Raises `InputError` for an unknown name or a value of another kind.
     """
     for name, value in settings.items():
+        if name in _SIZED and getattr(tracker, "search", None) is not None:
+            raise InputError(f"setting '{name}': the search sizes its sampler for every group; {_SIZED[name]}.")
         tracker = _changed(tracker, None, name.split("."), value, name)
     return tracker
 

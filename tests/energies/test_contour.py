@@ -100,19 +100,6 @@ def test_of_more_contour_points_than_there_is_room_for_even_ones_are_kept_down_t
     assert set(np.diff(ranks).tolist()) <= {len(every) // 100, len(every) // 100 + 1}
 
 
-def test_occluding_contours_add_the_edge_of_a_near_disc_before_a_far_one():
-    y, x = np.mgrid[:80, :80] - 40
-    near, far = x**2 + y**2 < 15**2, x**2 + y**2 < 30**2
-    ids = jnp.asarray(np.where(near, 1, np.where(far, 0, -1)), jnp.int32)
-    inverse = jnp.asarray(np.where(near, 1 / 2.0, np.where(far, 1 / 2.4, 0)), jnp.float32)
-    outer = _points(ids, inverse, ContourSettings(capacity=512, step=1))
-    both = _points(ids, inverse, ContourSettings(capacity=512, step=1, contours="outer+occluding"))
-    radius = lambda p: np.hypot(np.asarray(p.row) - 40, np.asarray(p.column) - 40)[np.asarray(p.live)]  # noqa: E731
-    assert np.all(radius(outer) > 28)
-    assert (np.abs(radius(both) - 14.5) < 1).sum() > 60
-    assert (radius(both) > 28).sum() == len(radius(outer))
-
-
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (4.0, 0.0), (-3.0, 5.0), (0.0, -8.0)])
 def test_a_displaced_edge_is_found_to_a_pixel(ball, shift):
     ids, inverse, centre, radius = ball
