@@ -144,7 +144,8 @@ def _backwards(
         starts = [as_later, with_limb(as_later, before, dofs, 1.0 / steps)]
         totals, _ = search.score(frame.problem, [here, *starts])
         start = starts[int(np.argmin(totals[1:]))]
-        key = search.key_of(frame.number, 200 + number)
+        again = 1000 * (last - 1 - position)  # a frame may be searched from each of the next ones
+        key = search.key_of(frame.number, 200 + again + number)
         answer, _ = search.group(number, start, frame.problem, history, key)
         scored, _ = search.score(frame.problem, [here, answer])
         if not scored[1] < scored[0]:

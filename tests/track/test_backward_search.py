@@ -16,7 +16,8 @@ from jaxmocap.energies import search_energy
 from jaxmocap.motion import MotionHistory
 from jaxmocap.search import BodySearch, Evidence, SearchPlan
 from jaxmocap.track import Answer, BackwardSearch, FrameTracker, Tracker
-from jaxmocap.track._backward_search import _refined, doubtful_run, limb_deviation
+from jaxmocap.track._backward_search import _backwards, _refined, doubtful_run, limb_deviation
+from jaxmocap.track._state import Tracked
 
 LOST = 1
 
@@ -66,6 +67,27 @@ def test_the_refinement_sees_the_motion_in_the_answer_s_set_of_angles(world):
     assert np.abs(told.pose.angles - poses[-2].angles).max() > 1
     for increment in told.increments:
         np.testing.assert_allclose(places(retract(skeleton, told.pose, increment)), places(poses[-1]), atol=2e-3)
+
+
+def test_a_frame_that_is_searched_from_each_of_the_next_ones_takes_a_key_of_its_own_each_time(world):
+    skeleton, keys = world.character.skeleton, []
+    search = SimpleNamespace(
+        groups=[SimpleNamespace(dofs=skeleton.group("l_arm"))],
+        character=world.character,
+        key=jax.random.key(0),
+        score=lambda problem, poses: (np.arange(len(poses), 0.0, -1.0), None),
+        group=lambda number, pose, problem, history, key: (pose, keys.append(jax.random.key_data(key).tolist())),
+    )
+    search.key_of = lambda frame, number: BodySearch.key_of(search, frame, number)
+    tracked = [
+        Tracked(None, SimpleNamespace(number=number, problem=None), SimpleNamespace(pose=world.pose(min(number, 2))))
+        for number in range(4)
+    ]
+    for count in (3, 4):
+        poses = [one.result.pose for one in tracked[:count]]
+        assert len(_backwards(tracked[:count], poses, count - 2, 0, search)) == count - 2
+    assert len(keys) == 3
+    assert len({tuple(key) for key in keys}) == 3
 
 
 def looked_back(world, poses, settings=BackwardSearch()):
