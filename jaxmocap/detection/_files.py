@@ -17,7 +17,7 @@ from ._layouts import LayoutName
 from ._read import People, Size, people_at, read_people
 
 _AT_THE_TOP = re.compile(r".+_(\d{5,})_keypoints\.json")
-_INSIDE = re.compile(r"(?:.*_)?(\d{5,})(?:_keypoints)?\.json")
+_INSIDE = re.compile(r"(?:.*_)?(\d{4,})(?:_keypoints)?\.json")
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class VideoKeypoints:
         """Find the file of one frame.
 
         It is `<camera>_00012_keypoints.json`, OpenPose's `<video>_000000000012_keypoints.json`, or any name that ends
-        in the frame's number (5 digits or more) in a folder `<video>_json`, as Pose2Sim writes it, or `<video>`.
+        in the frame's number (4 digits or more) in a folder `<video>_json`, as Pose2Sim writes it, or `<video>`.
         """
         for file in (
             self.expected_file(frame),
@@ -63,10 +63,11 @@ class VideoKeypoints:
     def video_file(self) -> Path | None:
         """Find the file of the whole video.
 
-        It is `<camera>.json` or `<video>.json`, `results_<video>.json` as MMPose's demos call it, or AlphaPose's
-        `alphapose-results.json` in a folder `<video>`.
+        It is `<camera>.json` or `<video>.json`, `results_<video>.json` as MMPose's demos call it,
+        `predictions/<video>.json` as its inferencer does, or AlphaPose's `alphapose-results.json` in a folder
+        `<video>`.
         """
-        forms = ("{}.json", "results_{}.json", "{}/alphapose-results.json")
+        forms = ("{}.json", "results_{}.json", "predictions/{}.json", "{}/alphapose-results.json")
         files = (self.folder / form.format(name) for form in forms for name in self.names)
         return next((file for file in files if file.is_file()), None)
 

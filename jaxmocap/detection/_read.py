@@ -134,8 +134,10 @@ def _persons(document: Any, size: Size | None) -> Iterator[tuple[int | None, _Nu
     match document:
         case {"people": people}:
             yield from _of_frame(None, (person["pose_keypoints_2d"] or [] for person in people))
-        case {"pose_landmarks": people}:
-            yield from _of_frame(None, (_mediapipe(landmarks, size) for landmarks in people))
+        case {"pose_landmarks": people} | {"landmarks": people}:
+            yield from _of_frame(None, (_mediapipe(landmarks, size) for landmarks in _landmark_lists(people)))
+        case {"landmark": landmarks}:
+            yield from _of_frame(None, [_mediapipe(landmarks, size)])
         case {"instance_info": [{"frame_id": first}, *_] as frames}:  # MMPose's demos count from 1
             start = min(_frame_number(first), 1)
             for one in frames:
@@ -147,7 +149,7 @@ def _persons(document: Any, size: Size | None) -> Iterator[tuple[int | None, _Nu
                 yield from _of_frame(_frame_number(one["frame_id"]), map(_mmpose, one["instances"]))
         case [{"image_id": _}, *_]:
             for one in document:
-                yield _frame_number(one["image_id"]), _alphapose(one["keypoints"])
+                yield _frame_number(one["image_id"]), one["keypoints"]
         case [{"keypoint_scores": _}, *_] | []:
             yield from _of_frame(None, map(_mmpose, document))
         case _:
@@ -168,20 +170,22 @@ def _frame_number(name: object) -> int:
     return int(found[1])
 
 
-def _alphapose(numbers: Any) -> _Numbers:
-    """Its confidences go up to 6 for points of COCO."""
-    if not isinstance(numbers, list) or len(numbers) % 3:
-        return numbers
-    points = np.asarray(numbers, float).reshape(len(numbers) // 3, 3)
-    return np.column_stack([points[:, :2], np.minimum(points[:, 2], 1.0)])
-
-
 def _mmpose(instance: Any) -> _Numbers:
-    """Its scores are heights of a heat map and may exceed 1."""
     places, scores = (np.asarray(instance[name], float) for name in ("keypoints", "keypoint_scores"))
     if scores.ndim != 1 or places.shape != (len(scores), 2):
         raise TypeError
-    return np.column_stack([places, np.minimum(scores, 1.0)])
+    return np.column_stack([places, scores])
+
+
+def _landmark_lists(people: Any) -> list[Any]:
+    """List the landmarks of everybody: of `null`, of one person with or without a name, or of several."""
+    if people is None:
+        return []
+    if isinstance(people, dict):
+        return [people["landmark"]]
+    if people and isinstance(people[0], dict):
+        return [one["landmark"] for one in people] if "landmark" in people[0] else [people]
+    return people
 
 
 def _mediapipe(landmarks: Any, size: Size | None) -> _Numbers:
@@ -201,6 +205,7 @@ def _points(file: Path, numbers: Any, named: LayoutName | None) -> np.ndarray | 
     except TypeError as error:
         raise ValueError from error
     points[np.isnan(points[:, :2]).all(1)] = 0.0
+    points[:, 2] = np.minimum(points[:, 2], 1.0)  # heights of a heat map, sums of two: some programs go up to 10
     if not np.isfinite(points).all():
         raise InputError(f"keypoints {file} holds values that are not finite")
     return to_body_25(points, layout) if (points[:, 2] > 0).any() else None

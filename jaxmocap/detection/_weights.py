@@ -2,12 +2,14 @@
 
 import contextlib
 import hashlib
+import lzma
 import shutil
 import subprocess
 import sys
 import tarfile
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +22,11 @@ from ._cards import CARDS, ModelCard, ModelName, Package, WeightFile
 
 _SECONDS = 600
 _LARGEST = 200_000_000  # bytes of one file that is read out of an archive
+_DAMAGED = (
+    *(OSError, EOFError, zipfile.BadZipFile, tarfile.TarError, NotImplementedError, RuntimeError),
+    *(zlib.error, lzma.LZMAError),
+)
+"""What an archive that cannot be read raises."""
 _LIKE = 0.2  # a network of a bundle differs by less than this share from the card's in size
 
 
@@ -234,5 +241,5 @@ def _contents(path: Path, wanted: set[str]) -> Iterator[tuple[str, bytes]]:
                 f"weights {path} are no model: {'neither a folder nor an archive' if path.exists() else 'not there'}; "
                 "expected a folder, a package (.tgz, .whl, .zip) or a .task bundle"
             )
-    except (OSError, EOFError, zipfile.BadZipFile, tarfile.TarError, NotImplementedError, RuntimeError) as error:
+    except _DAMAGED as error:
         raise InputError(f"weights {path} cannot be read: {error}; download them again") from None

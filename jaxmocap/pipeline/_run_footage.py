@@ -32,8 +32,10 @@ from ._run_inputs import RunInputs
 from ._run_options import span_within
 from ._synchronise import sync
 from ._synchronise_by_person import sync_by_person
+from ._view_agreement import refuse_views_of_different_people
 
 _AS_FOUND = "keypoints as found"
+_ASKED = "keypoints that were asked for the time"
 """What the record calls the keypoints that nobody has corrected."""
 
 
@@ -153,12 +155,14 @@ class FootageWork(RunInputs):
     def _synchronise_by_person(self, error: InputError) -> Any:
         """Ask the keypoints, which are looked for now; the refusal stands where they are not sure either."""
         self.say("Neither flash, sound nor motion of the pictures tells when the videos began: keypoints are asked.")
-        if self.config().keypoints is None:
+        named, asked = self.config().keypoints, self.of_person()
+        if named is None or (named == self.record.made("detect") and not self.record.done(_ASKED, asked)):
             try:
                 made = self.detect()
             except InputError as refused:
                 raise NotDetected(str(refused)) from refused
             self.record.set("detect", None, made)  # other frames are shared once the offsets are known
+            self.record.set(_ASKED, asked, None)
         found = sync_by_person(self.folder)
         if found is None:
             raise error
@@ -232,6 +236,7 @@ class FootageWork(RunInputs):
         )
         for warning in found.record["warnings"]:
             self.say(f"Warning: {warning}.")
+        refuse_views_of_different_people(self._open())
         if self.offsets() != synchronised:
             self.record.set("synchronise", self.of_synchronise(), self.offsets())
             if self.record.begun("detect"):

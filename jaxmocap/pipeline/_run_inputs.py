@@ -100,13 +100,16 @@ class RunInputs:
         told = self.options.offset
         return [self.videos, sorted(told.items())] if told else self.videos
 
-    def of_detect(self) -> Any:
-        """List what keypoints are made of."""
+    def of_person(self) -> Any:
+        """List what says whose keypoints they are, whenever the videos began."""
         options = self.options
         given = None if options.keypoints is None else path_hash(options.keypoints)
         weights = None if options.weights is None else str(options.weights)
-        person = sorted(options.person.items())
-        return [self.videos, given, weights, person, self.offsets(), self.config().frames]
+        return [self.videos, given, weights, sorted(options.person.items())]
+
+    def of_detect(self) -> Any:
+        """List what keypoints are made of."""
+        return [*self.of_person(), self.offsets(), self.config().frames]
 
     def of_calibrate(self) -> Any:
         """List what cameras are made of."""

@@ -96,6 +96,18 @@ PROGRAMS = {
     "Pose2Sim, BlazePose": ("blazepose33", by_picture(POSE2SIM, "blazepose33", people)),
     "rtmlib": ("halpe26", by_picture(OURS, "halpe26", people)),
     "MMPose, pictures": ("coco17", by_picture("{camera}/{frame:06d}.json", "coco17", lambda points: [mmpose(points)])),
+    "MMPose, short names": (
+        "coco17",
+        by_picture("{camera}/{frame:04d}.json", "coco17", lambda points: [mmpose(points)]),
+    ),
+    "MMPose, the folder it wrote": (
+        "coco17",
+        by_video(
+            "predictions/{video}.json",
+            "coco17",
+            lambda found: [{"frame_id": frame, "instances": [mmpose(points)]} for frame, points in found.items()],
+        ),
+    ),
     "MMPose, video": (
         "coco133",
         by_video(
@@ -232,6 +244,9 @@ def test_confidences_beyond_one_are_one(filmed: Path):
     points = of_layout("cam0", 0, "coco17") * [1, 1, 5]
     write(filmed / "keypoints" / "cam0.json", [alphapose(points, 0)])
     assert Capture.open(filmed).keypoints(0, 0)[:, 2].max() == 1.0
+    (filmed / "keypoints" / "cam0.json").unlink()
+    write(filmed / "keypoints" / "cam0_00000_keypoints.json", people(points))
+    assert Capture.open(filmed).keypoints(0, 0)[:, 2].max() == 1.0
 
 
 def test_keypoint_layout_decides_where_the_number_of_points_says_nothing(filmed: Path):
@@ -275,6 +290,27 @@ def test_what_cannot_be_read_is_one_sentence_of_opening_and_of_check(filmed: Pat
     assert sentence.startswith(f"keypoints {file} ") or sentence.startswith(f"keypoints {file}:")
     assert words in sentence
     assert "error" in said(filmed, words)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda landmarks: {"landmark": landmarks},
+        lambda landmarks: {"pose_landmarks": landmarks},
+        lambda landmarks: {"pose_landmarks": {"landmark": landmarks}},
+        lambda landmarks: {"pose_landmarks": [{"landmark": landmarks}]},
+        lambda landmarks: {"landmarks": [landmarks], "worldLandmarks": [landmarks]},
+    ],
+    ids=["one message", "without a list", "a message by name", "messages", "in a browser"],
+)
+def test_every_form_in_which_mediapipe_writes_a_person_is_read(tmp_path: Path, form):
+    points = np.random.default_rng(0).uniform(0.1, 0.9, (33, 3))
+    for name, document in (("usual", {"pose_landmarks": [mediapipe(points)]}), ("other", form(mediapipe(points)))):
+        write(tmp_path / f"{name}.json", document)
+    usual, other = (read_people(tmp_path / f"{name}.json", size=(640, 480)) for name in ("usual", "other"))
+    np.testing.assert_array_equal(usual, other)
+    write(tmp_path / "nobody.json", {"pose_landmarks": None})
+    assert read_people(tmp_path / "nobody.json", size=(640, 480)) == []
 
 
 def test_mediapipe_without_the_size_of_the_picture_is_refused(tmp_path: Path):

@@ -98,6 +98,14 @@ def test_weights_that_are_not_those_of_the_card_are_sentences(tmp_path):
     cut.write_bytes(cut.read_bytes()[:150])
     with pytest.raises(InputError, match=r"weights .*cut.tgz"):
         get_weights("heavy", cut)
+    flipped = tmp_path / "flipped.whl"
+    with zipfile.ZipFile(flipped, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("heavy.bin", " ".join(map(str, range(5000))))
+    content = bytearray(flipped.read_bytes())
+    content[200:220] = bytes(20)
+    flipped.write_bytes(content)
+    with pytest.raises(InputError, match=r"weights .*flipped.whl cannot be read"):
+        get_weights("heavy", flipped)
     assert not (tmp_path / "cache").exists()
 
 

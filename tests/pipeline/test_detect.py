@@ -16,11 +16,12 @@ from marked_person import MODEL, SIZE, answer, draw
 from small_captures import look_at_pose
 
 from jaxmocap._cli import run
+from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check
 from jaxmocap.detection import FollowedPerson, Weights
 from jaxmocap.pipeline import _detect, detect
-from jaxmocap.pipeline._view_agreement import agreeing
+from jaxmocap.pipeline._view_agreement import agreeing, refuse_views_of_different_people
 
 COUNT = 8
 TOML = """# two phones
@@ -273,3 +274,25 @@ def test_where_much_disagrees_cameras_are_to_blame_and_nothing_is_changed(views)
     agreed, share = agreeing(capture, people)
     assert agreed is people
     assert share > 0.4
+
+
+def test_cameras_that_the_person_contradicts_are_refused_and_others_are_not(views):
+    """The detector's own noise is half a pixel; the third view follows somebody else."""
+    seen, people = views
+
+    def points(view, frame):
+        own = int(seen.video_frames[view][frame]) - int(seen.video_frames[view][0])
+        return [people[NAMES[view]].points[own, :25]]
+
+    capture = SimpleNamespace(
+        camera_names=NAMES,
+        num_cameras=3,
+        sizes=((960, 540),) * 3,
+        cameras=seen.cameras,
+        keypoint_frames=lambda view: range(seen.num_frames),
+        people=points,
+    )
+    refuse_views_of_different_people(capture)
+    people["cam2"].points[..., 1] += 60
+    with pytest.raises(InputError, match=r"'cam[01]' and 'cam2' lie \d\d pixels .* \(--person\)"):
+        refuse_views_of_different_people(capture)

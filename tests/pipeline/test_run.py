@@ -107,6 +107,7 @@ def done(monkeypatch, motion) -> list[str]:
     for name, stand_in in stand_ins.items():
         monkeypatch.setattr(_run_work if hasattr(_run_work, name) else _run_footage, name, stand_in)
     monkeypatch.setattr(_run_options, "require_runner", lambda: None)
+    monkeypatch.setattr(_run_footage, "refuse_views_of_different_people", lambda capture: None)
     opened = Capture.open
     monkeypatch.setattr(Capture, "open", staticmethod(lambda path, **_: opened(path, with_cameras=False)))
     return names
@@ -439,6 +440,18 @@ def test_where_nothing_else_tells_the_time_keypoints_are_asked(videos, done, tmp
     result = run(videos, tmp_path / "dance", height=1.8, say=said.append)
     assert list(result.seconds) == STAGES[1:]
     assert any("Offsets in frames: +0.00, -1.2" in sentence and "likeness 0.95" in sentence for sentence in said)
+
+
+def test_whoever_is_named_anew_is_looked_for_anew_before_the_time_is_asked_again(videos, done, tmp_path, monkeypatch):
+    def bad(*_, **__):
+        raise InputError("right cannot be synchronised with left")
+
+    monkeypatch.setattr(_run_footage, "sync", bad)
+    monkeypatch.setattr(_run_footage, "sync_by_person", lambda folder: None)
+    for person, times in (({}, 1), ({}, 1), ({"left": (30.0, 40.0)}, 2), ({"left": (30.0, 40.0)}, 2)):
+        with pytest.raises(InputError, match="stage 'synchronise' failed"):
+            again(videos, tmp_path / "dance", person=person)
+        assert done.count("detect") == times
 
 
 def test_offsets_that_are_known_are_taken_and_others_are_not_looked_for(videos, done, tmp_path):
