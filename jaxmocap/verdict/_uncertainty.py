@@ -57,17 +57,21 @@ def joint_covariances(
     refined, where tracking began or that were passed over, take the J^T J of the nearest that was.
     """
     settings = UncertaintySettings() if settings is None else settings
-    hessians = _hessians(results)
-    deviations = np.stack([np.asarray(result.deviation, np.float32) for result in results])
+    free = np.array([settings.free_root] * ROOT_DOFS + [settings.free_angle] * skeleton.num_angles)
+    # Along each direction the pictures tell `told` times what is known without them, whose deviation is `free`.
+    told, directions = np.linalg.eigh(free[:, None] * _hessians(results) * free / settings.correlated)
+    along = free[:, None] * directions
+    deviations = settings.particles * np.stack([np.asarray(result.deviation, np.float32) for result in results])
     poses = Pose(
         jax.device_put(np.stack([r.pose.root for r in results])),
         jax.device_put(np.stack([r.pose.angles for r in results])),
     )
     trusted = [result.confidence for result in results] if confidence is None else confidence
     doubt = 1 - np.stack([np.asarray(row, np.float32) for row in trusted])
-    numbers = jax.tree.map(jnp.float32, settings)  # arrays: other settings share the program
-    hessians, deviations, doubt = jax.device_put((hessians, deviations, doubt))
-    found = _covariances(skeleton, poses, hessians, deviations, doubt, numbers)
+    factors = (settings.scale * (1 + settings.doubt * doubt)) ** 2
+    arrays = (np.maximum(told, 0.0), along, deviations, factors)
+    told, along, deviations, factors = jax.device_put(tuple(np.asarray(array, np.float32) for array in arrays))
+    found = _covariances(skeleton, poses, told, along, deviations, factors)
     return np.asarray(found) + (settings.floor**2 + misfit**2) * np.eye(3, dtype=np.float32)
 
 
@@ -91,35 +95,29 @@ def _hessians(results: Sequence[FrameResult]) -> Float[np.ndarray, "frame dof do
         if result.hessian is not None and np.isfinite(result.hessian).all()
     ]
     if not known:
-        return np.zeros((len(results), *2 * results[0].deviation.shape), np.float32)
+        return np.zeros((len(results), *2 * results[0].deviation.shape))
     nearest = np.abs(np.arange(len(results))[:, None] - np.array(known)[::-1]).argmin(axis=1)  # the later of two
-    return np.stack([np.asarray(results[known[::-1][place]].hessian, np.float32) for place in nearest])
+    return np.stack([np.asarray(results[known[::-1][place]].hessian, float) for place in nearest])
 
 
 @cached_jit
 def _covariances(
     skeleton: Skeleton,
     poses: Pose,
-    hessians: Float[Array, "frame dof dof"],
+    told: Float[Array, "frame direction"],
+    along: Float[Array, "frame dof direction"],
     deviations: Float[Array, "frame dof"],
-    doubt: Float[Array, "frame landmark"],
-    settings: UncertaintySettings,
+    factors: Float[Array, "frame landmark"],
 ) -> Float[Array, "frame landmark 3 3"]:
-    root, angles = jnp.full(ROOT_DOFS, settings.free_root), jnp.full(skeleton.num_angles, settings.free_angle)
-    free = jnp.concatenate([root, angles])
-
-    def one(pose: Pose, hessian: Array, deviation: Array, doubt: Array) -> Array:
-        # Along each direction the pictures tell `told` times what is known without them, whose deviation is `free`.
-        told, directions = jnp.linalg.eigh(free[:, None] * hessian * free[None, :] / settings.correlated)
-        factor = ((settings.scale * (1 + settings.doubt * doubt)) ** 2)[:, None]
-        share = factor / (jnp.maximum(told, 0.0) + factor)
+    def one(pose: Pose, told: Array, along: Array, deviation: Array, factor: Array) -> Array:
         moves = jax.jacfwd(lambda step: landmark_positions(skeleton, retract(skeleton, pose, step)))(
-            jnp.zeros_like(free)
+            jnp.zeros(skeleton.num_dofs)
         )
-        of_rows = jnp.einsum("jad,de->jae", moves, free[:, None] * directions, precision="highest")
-        of_particles = moves * (settings.particles * deviation)
-        return jnp.einsum("jae,je,jbe->jab", of_rows, share, of_rows, precision="highest") + factor[
-            ..., None
-        ] * jnp.einsum("jae,jbe->jab", of_particles, of_particles, precision="highest")
+        of_rows = jnp.einsum("jad,de->jae", moves, along, precision="highest")
+        share = factor[:, None] / (told + factor[:, None])
+        of_particles = moves * deviation
+        spread = jnp.einsum("jae,jbe->jab", of_particles, of_particles, precision="highest")
+        rows = jnp.einsum("jae,je,jbe->jab", of_rows, share, of_rows, precision="highest")
+        return rows + factor[:, None, None] * spread
 
-    return jax.lax.map(lambda args: one(*args), (poses, hessians, deviations, doubt))
+    return jax.lax.map(lambda args: one(*args), (poses, told, along, deviations, factors))
