@@ -3,11 +3,13 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from jaxmocap._files import is_clutter
 from jaxmocap._results import InputError
+from jaxmocap.camera import ranges
 from jaxmocap.detection import VideoKeypoints, best_person, read_people, read_video
 
 from ._capture import Capture
@@ -71,27 +73,28 @@ def _check_files(
 ) -> Iterator[Finding]:
     """Check what the files of one camera hold."""
     name, chosen, readable = capture.camera_names[index], [], True
+    refused, nobody, several, beyond = (dict[int, str]() for _ in range(4))
     for frame, file in files.items():
-        where = f"{name} frame {frame}"
         try:
             people = read_people(file, source.layout, source.size)
         except InputError as error:
-            yield Finding("error", where, str(error))
+            refused[frame] = str(error)
             continue
         person = best_person(people)
         if person is None:
-            yield Finding("warning", where, f"keypoints {file} show nobody")
+            nobody[frame] = f"keypoints {file} show nobody"
         else:
             chosen.append(person)
         if person is not None and len(people) > 1:
-            yield Finding(
-                "warning",
-                where,
+            several[frame] = (
                 f"keypoints {file} show {len(people)} people; the one of the largest confidence "
-                f"({person[:, 2].mean():.2f}) is taken: remove the others if that is not the actor",
+                f"({person[:, 2].mean():.2f}) is taken: remove the others if that is not the actor"
             )
         if frame >= capture.indices[index].num_frames:
-            yield Finding("warning", where, f"{file} is beyond the end of {capture.videos[index].name}")
+            beyond[frame] = f"{file} is beyond the end of {capture.videos[index].name}"
+    yield from _once("error", name, refused)
+    for found in (nobody, several, beyond):
+        yield from _once("warning", name, found)
     if video is not None:
         try:
             frames = read_video(video, source.layout, source.size)
@@ -106,6 +109,14 @@ def _check_files(
         own = int(capture.video_frames[index, frame])
         if source.frame_file(own) is None and not (readable and source.has(own)):
             yield _missing(capture, "keypoints", index, own, source.expected_file(own))
+
+
+def _once(severity: Literal["error", "warning"], name: str, found: dict[int, str]) -> Iterator[Finding]:
+    """Say what was found in many files of a camera once, of the first of them."""
+    if found:
+        first, *others = found
+        more = f"; the same of {len(others)} more, at frame {ranges(others)}" if others else ""
+        yield Finding(severity, f"{name} frame {first}", found[first] + more)
 
 
 def _check_video(capture: Capture, index: int, file: Path, frames: dict[int, list[np.ndarray]]) -> Iterator[Finding]:

@@ -240,6 +240,21 @@ def test_a_person_that_pose2sim_did_not_find_is_nobody(filmed: Path):
     assert said(filmed, "film_cam0_000000.json show nobody") == ["warning"]
 
 
+def test_what_is_wrong_with_many_files_is_said_once(filmed: Path):
+    nobody, two = {"people": []}, {"people": 2 * people(of_layout("cam0", 0, "body25"))["people"]}
+    for frame in range(8):
+        wrong = {"people": [{"pose_keypoints_2d": [1.0, 2.0]}]} if frame > 5 else nobody if frame > 2 else two
+        write(filmed / "keypoints" / f"cam0_{frame:05d}_keypoints.json", wrong)
+    assert [finding.where for finding in check(filmed) if finding.where.startswith("cam0 frame")] == [
+        "cam0 frame 6",
+        "cam0 frame 3",
+        "cam0 frame 0",
+    ]
+    assert said(filmed, "cam0_00003_keypoints.json show nobody; the same of 2 more, at frame 4-5") == ["warning"]
+    assert said(filmed, "show 2 people; the one of the largest") == ["warning"]
+    assert said(filmed, "; the same of 1 more, at frame 7") == ["error"]
+
+
 def test_confidences_beyond_one_are_one(filmed: Path):
     points = of_layout("cam0", 0, "coco17") * [1, 1, 5]
     write(filmed / "keypoints" / "cam0.json", [alphapose(points, 0)])
