@@ -101,9 +101,10 @@ def _calibration(participant: Path, trial: Path, camera: str) -> StaticCalibrati
     path = (aligned or found)[-1]
     values = numbers_in(path, 32)[2:]
     intrinsics, pose = values[:9].reshape(3, 3), values[9:25].reshape(4, 4)
+    scale = np.cbrt(np.linalg.det(pose[:3, :3])) or 1.0  # files in the markers' world hold a similarity, near 1
     return StaticCalibration(
         intrinsics / intrinsics[2, 2],
         values[25:30],
-        rotation_of(pose[:3, :3], intrinsics, path),
-        1e-3 * pose[:3, 3],
+        rotation_of(pose[:3, :3] / scale, intrinsics, path),
+        1e-3 * pose[:3, 3] / scale,
     )

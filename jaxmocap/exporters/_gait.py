@@ -131,13 +131,16 @@ def gait(motion: Motion) -> Gait:
             ("off", -((toe - pelvis) * way).sum(1)),
         ):
             found[foot, kind] = _peaks(ahead, walks, reach)
-    strides, contact = [], {"left": [], "right": []}
+    strides, contact, holes = [], {"left": [], "right": []}, _holes(motion.timestamps)
     for foot, other in (("left", "right"), ("right", "left")):
         strikes, offs = found[foot, "strike"], found[foot, "off"]
-        for start, end in zip(strikes, [*strikes[1:], np.inf], strict=True):
+        for start, end in zip(strikes, [*strikes, np.inf][1:], strict=True):
             between = offs[(offs > start) & (offs < end)]
             if len(between) != 1 or between[0] - start > _STRIDE[1] * _RATE:
                 continue
+            last = end if np.isfinite(end) else between[0]
+            if ((holes[:, 0] < _time(times, last)) & (holes[:, 1] > _time(times, start))).any():
+                continue  # nobody knows how the feet went
             contact[foot].append((_time(times, start), _time(times, between[0])))
             if np.isfinite(end) and _STRIDE[0] <= (end - start) / _RATE <= _STRIDE[1]:
                 opposite = [found[other, kind] for kind in ("strike", "off")]
@@ -162,6 +165,13 @@ def write_gait(motion: Motion, path: Path, form: ExportForm) -> None:
             "contact": found.contact,
         },
     )
+
+
+def _holes(times: Float[np.ndarray, " frame"]) -> Float[np.ndarray, "hole 2"]:
+    """Find where frames are missing: seconds of the frames before and after."""
+    apart = np.diff(times)
+    missing = np.flatnonzero(apart > 1.75 * np.median(apart))
+    return np.stack([times[missing], times[missing + 1]], axis=1)
 
 
 def _peaks(ahead: Float[np.ndarray, " sample"], walks: np.ndarray, reach: float) -> Float[np.ndarray, " peak"]:

@@ -109,7 +109,9 @@ class Shown:
     def aside(self) -> tuple[float, float, float]:
         """Return where a second result stands beside the first: 1.5 metres to the right as the first camera sees it."""
         cameras = self.motion.cameras
-        right = (1.0, 0.0, 0.0) if cameras is None else np.asarray(cameras.cam_from_world[0, 0, 0, :3], float)
+        right = np.array([1.0, 0.0, 0.0] if cameras is None else cameras.cam_from_world[0, 0, 0, :3], float)
+        level = np.arange(3) != "xyz".index(self.motion.up)  # a camera that leans must not lift it
+        right = level * right / max(float(np.linalg.norm(level * right)), 1e-6)
         x, y, z = (1.5 * float(value) for value in right)
         return x, y, z
 

@@ -155,6 +155,7 @@ def write_biocv(base, cameras: int) -> None:
         for name, shift in ((".calib", 1e6), ("-mocAligned2.calib", 0.0)):
             moved = pose.copy()
             moved[0, 3] += shift
+            moved[:3] *= 1.0 if shift else 0.998  # brought into the markers' world by a similarity
             numbers = [*SIZE, *lens.ravel(), *moved.ravel(), -0.2, 0.05, 0.001, -0.001, 0.3]
             path = base / "calib_00" / f"{number:02d}.mp4{name}"
             path.parent.mkdir(exist_ok=True)

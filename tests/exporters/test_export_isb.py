@@ -229,3 +229,22 @@ def test_the_walk_s_figures_are_written_and_a_dance_in_place_has_none(even, tmp_
     assert (told["summary"], told["strides"], told["events"]) == ({}, [], [])
     assert "no stride was found" in said[0]
     assert {".isb.csv", ".isb.mot", ".gait.json"} <= EXPORTERS.keys()
+
+
+def test_somebody_who_stands_still_has_no_stride(tmp_path):
+    motion = walking(2.0)
+    still = replace(motion, joints=np.repeat(motion.joints[:1], len(motion), axis=0))
+    told = json.loads(export(still, tmp_path / "still.gait.json").read_text())
+    assert (told["summary"], told["strides"]) == ({}, [])
+
+
+def test_no_stride_goes_over_frames_that_are_missing():
+    whole = walking(8.0)
+    found = gait(whole[np.flatnonzero((whole.timestamps < 3.0) | (whole.timestamps > 4.6))])
+    assert 4 <= len(found.strides) < len(gait(whole).strides)
+    assert found.summary()["length"]["mean"] == pytest.approx(SPEED * STRIDE, abs=0.05)
+    for stride in found.strides:
+        assert stride.duration == pytest.approx(STRIDE, abs=0.1)
+        assert stride.start + stride.duration < 3.1 or stride.start > 4.5
+    for start, end in (interval for intervals in found.contact.values() for interval in intervals):
+        assert end < 3.1 or start > 4.5

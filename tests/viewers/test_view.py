@@ -53,6 +53,19 @@ def test_images_and_truth_are_those_of_the_motions_frames(world):
         np.testing.assert_allclose(gathered.truth[index], shown.markers[index + 1], atol=1e-5)
 
 
+def test_a_second_result_stands_beside_the_first_on_the_same_ground(world):
+    _, motion = world
+    gathered = gather(motion)
+    roll = np.eye(4)
+    roll[:2, :2] = [[0.9, -0.4359], [0.4359, 0.9]]  # a phone that is held askew
+    askew = (roll @ np.asarray(motion.cameras.cam_from_world)).astype(np.float32)
+    cameras = replace(motion.cameras, cam_from_world=askew)
+    for shown in (gathered, replace(gathered, motion=replace(motion, cameras=cameras))):
+        aside = np.array(shown.aside())
+        assert aside["xyz".index(motion.up)] == 0
+        assert np.linalg.norm(aside) == pytest.approx(1.5, abs=1e-5)
+
+
 def test_pictures_are_found_by_the_cameras_names(world, tmp_path):
     """In another order, and with one of them gone."""
     shown, motion = world
@@ -170,7 +183,9 @@ def test_toggles_hide_what_they_name(viewer):
 
 def test_a_second_result_stands_to_the_right_when_side_by_side(viewer, world):
     shown, _ = world
-    right = np.asarray(shown.cameras.cam_from_world[0, 0, 0, :3])
+    right = np.array(shown.cameras.cam_from_world[0, 0, 0, :3])
+    right[1] = 0.0  # up
+    right /= np.linalg.norm(right)
     for beside, expected in ((True, 1.5 * right), (False, np.zeros(3))):
         viewer._beside.value = beside
         viewer._redraw()
