@@ -293,10 +293,11 @@ def held(errors: Sequence[Errors], name: str) -> list[Figure]:
 def lost_limbs(verdict: SequenceVerdict, film: Film) -> np.ndarray:
     """Which limbs the verdict lists as lost in which frames."""
     frames = np.array([result.frame for result in film.run.results])
-    lost = np.zeros((len(frames), 4), bool)
+    labels = list(film.run.character.skeleton.limb_labels.values())
+    lost = np.zeros((len(frames), len(labels)), bool)
     for span in verdict.lost:
         inside = (frames >= span.first) & (frames <= span.last)
-        for limb, label in enumerate(film.run.character.skeleton.limb_labels.values()):
+        for limb, label in enumerate(labels):
             lost[:, limb] |= inside & (span.part in ("body", label))
     return lost
 
