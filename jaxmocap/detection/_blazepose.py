@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 from ._layouts import BLAZEPOSE_33
+from ._left_right import exchanged, mirrored_points
 from ._person_model import Network, Sighting, Silhouette
 from ._region import Region, brightened, whole
 
@@ -23,14 +24,7 @@ _STRIDES = {8: 2, 16: 2, 32: 6}  # anchors at every cell of so many pixels
 _CERTAIN, _SAME_PERSON = 0.5, 0.3  # score of a person; overlap from which two boxes are one person
 _HIPS, _RIM = 33, 34  # landmarks that tell the region
 _HEAT_WINDOW, _HEAT_CERTAIN = 3, 0.5
-_MIRRORED = [
-    *(
-        BLAZEPOSE_33.points.index({"l_": "r_", "r_": "l_"}.get(name[:2], name[:2]) + name[2:])
-        for name in BLAZEPOSE_33.points
-    ),
-    _HIPS,
-    _RIM,
-]
+_MIRRORED = [*mirrored_points(BLAZEPOSE_33), _HIPS, _RIM]
 
 
 @dataclass(frozen=True)
@@ -89,6 +83,8 @@ class BlazePose:
         points, doubt, evidence = answers[0], 0.0, shown[0, ..., 0]
         if self.mirrored:
             other = answers[1][_MIRRORED] * (-1, 1, 1) + (1, 0, 0)
+            if exchanged(points[:33], other[:33], BLAZEPOSE_33):  # their mean would lie on a line down the middle
+                other = other[_MIRRORED]
             doubt = float(np.median(np.linalg.norm((points - other)[:33, :2], axis=-1)))
             points = (points + other) / 2
             evidence = (evidence + shown[1, :, ::-1, 0]) / 2

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, UInt8
 
+from ._left_right import exchanged_sides, layout_of, mirrored_points
 from ._outliers import without_outliers
 from ._person_model import PersonModel, Sighting
 from ._region import Region
@@ -97,15 +98,19 @@ def follow_person(
 
 
 def believed(person: FollowedPerson, size: tuple[int, int]) -> FollowedPerson:
-    """Return the confidences that the model gave, 0 for points that are not believed.
+    """Return the person with left and right as they are in most pictures, and the confidences that the model gave.
 
-    These are points outside the picture of `size` (width, height) and those that jump away for a single picture.
+    These are 0 for points that are not believed: outside the picture of `size` (width, height), or away for a single
+    picture.
     """
-    points = person.points.copy()
+    points, scores = person.points.copy(), person.scores.copy()
     outside = ((points[..., :2] < 0) | (points[..., :2] > size)).any(-1)
-    points[..., 2] = np.where(outside, 0.0, person.scores)
+    points[..., 2] = np.where(outside, 0.0, scores)
+    if (layout := layout_of(points.shape[1])) is not None:
+        exchanged, mirrored = exchanged_sides(points, person.sides, person.frames), mirrored_points(layout)
+        points[exchanged], scores[exchanged] = points[exchanged][:, mirrored], scores[exchanged][:, mirrored]
     points[..., 2] = without_outliers(points, person.sides, person.frames)
-    return replace(person, points=points)
+    return replace(person, points=points, scores=scores)
 
 
 class _Follower:

@@ -68,8 +68,9 @@ def detect(
 
     `model` is "heavy" or "full", by default the better of those that can be had; `weights` a folder, package or bundle
     with its networks, for a machine without a network. The person followed in each video is the largest, or the one at
-    the pixel `person[camera]` of the first picture that all videos share, or the first of `frames`. A point that jumps
-    away for a single picture gets confidence 0; and, where the capture has cameras, one that no other view agrees with.
+    the pixel `person[camera]` of the first picture that all videos share, or the first of `frames`. Left and right are
+    put right where the model exchanged them for a while. A point that jumps away for a single picture gets confidence
+    0; and, where the capture has cameras, one that no other view agrees with.
     `say` takes sentences on what was chosen.
 
     Raises `InputError` where weights or runner cannot be had, where a camera is not one of the capture's, and where

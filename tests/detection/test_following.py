@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from marked_person import MODEL, SIZE, answer, draw
+from marked_person import MODEL, SIZE, answer, draw, find_marks, read_marks
 
-from jaxmocap.detection import Region, Sighting, follow_person
+from jaxmocap.detection import LAYOUTS, Region, Sighting, follow_person
+from jaxmocap.detection._blazepose import BlazePose
+from jaxmocap.detection._left_right import mirrored_points
 from jaxmocap.detection._region import brightened
 
 TURNS = np.linspace(-1.2, 2.5, 15)
@@ -33,6 +35,21 @@ def test_a_person_who_moves_and_turns_is_followed_to_the_pixel_in_light_and_dark
     assert errors(found, hips, head).max() < 0.7
     assert found.notes == ()
     assert (found.points[..., 2] > 0.9).all()
+
+
+def test_a_mirror_image_whose_sides_are_exchanged_does_not_draw_the_points_to_the_middle():
+    """The mean of both answers lay on one line, and then the sides were exchanged for a while."""
+
+    def confused(pictures):
+        values, *rest = read_marks(pictures)
+        values = values.reshape(-1, 39, 5)
+        values[1, :33] = values[1, mirrored_points(LAYOUTS["blazepose33"])]
+        return [values.reshape(-1, 195), *rest]
+
+    hips, head = walk()
+    pictures = [draw(place) for place in zip(hips, head, strict=True)]
+    found = follow_person(pictures, BlazePose(find_marks, confused))
+    assert errors(found, hips, head).max() < 0.7
 
 
 def test_of_several_people_the_largest_or_the_one_pointed_at_is_followed_and_said():
