@@ -62,6 +62,16 @@ class _Box(NamedTuple):
     upper: Float[Array, "*dof"]
 
 
+class _Region(NamedTuple):
+    """Where the particles of one group go: the box of every degree of freedom, which of the group's own are `distal`,
+    and `wide` and `prior` of `Reach`."""
+
+    box: _Box
+    distal: Bool[Array, "group_dof"]
+    wide: float
+    prior: Float[Array, ""]
+
+
 class _ParticleEnergy(eqx.Module):
     """Energy of group increments and their prior, as an array function a sampler can call. A particle whose windows do
     not fit into the capacity counts as not finite; the capacity is chosen so that this does not happen near the answer.
@@ -121,20 +131,17 @@ def _search(
     group: GroupProblem,
     step: int,
     capacity: int,
-    box: _Box,
-    distal: Bool[Array, "group_dof"],
-    wide: float,
-    prior: Float[Array, ""],
+    region: _Region,
     key: PRNGKeyArray,
 ) -> GroupResult:
     dofs, skeleton = group.part.dofs, group.character.skeleton
     group = replace(group, frame=group.frame.coarser(step))
-    own = _Box(*(values.at[dofs].get(mode="fill", fill_value=0.0) for values in box))  # no spread: it stays
-    scored = _ParticleEnergy(energy, group, base, own.spread, prior, capacity)
-    pool, count = None, int(wide * sampler.num_particles)
+    own = _Box(*(values.at[dofs].get(mode="fill", fill_value=0.0) for values in region.box))  # no spread: it stays
+    scored = _ParticleEnergy(energy, group, base, own.spread, region.prior, capacity)
+    pool, count = None, int(region.wide * sampler.num_particles)
     if count > 0:
         key, pool_key = jax.random.split(key)
-        pool = Pool(wide_population(pool_key, POOL * count, *own, distal), count)
+        pool = Pool(wide_population(pool_key, POOL * count, *own, region.distal), count)
     best, info = run(sampler, scored, jnp.zeros(dofs.shape[0]), *own, key, pool=pool)
     increment = jnp.zeros(skeleton.num_dofs).at[dofs].set(best, mode="drop")
 
@@ -193,13 +200,12 @@ class GroupSearch:
         problem = problem if self.surface is None else replace(problem, surface=self.surface)
         group = GroupProblem(self.character, self.part, pose, problem)
         unseen = replace(group, part=self.part.unseen())
-        box, prior, sizes = self._box(pose, spread, reach), jnp.float32(reach.prior), self.sizes
+        region = _Region(self._box(pose, spread, reach), self.distal, reach.wide, jnp.float32(reach.prior))
+        sizes = self.sizes
         while True:
             base = _prepare(self.energy, unseen, self.step, sizes.base_capacity)
-            result = _search(
-                self.energy, base, sampler, group, self.step, sizes.capacity, box, self.distal, reach.wide, prior, key
-            )
-            result = jax.device_get(result)
+            found = _search(self.energy, base, sampler, group, self.step, sizes.capacity, region, key)
+            result = jax.device_get(found)
             needed, needed_base = int(result.needed), int(result.needed_base)
             if 1.1 * needed <= sizes.capacity and needed_base <= sizes.base_capacity:
                 return jax.device_put(result)

@@ -17,7 +17,7 @@ from jaxmocap.motion import Motion
 from ._actor import bind_markers, make_actor, marker_positions, posed
 from ._body import TEMPLATE_HEIGHT
 from ._bystander import passing
-from ._cameras import BODY_FRACTION, FOCAL_PER_WIDTH, VIEW_ANGLE, handheld_paths, intrinsics_of
+from ._cameras import BODY_FRACTION, FOCAL_PER_WIDTH, VIEW_ANGLE, filming_distance, handheld_paths, intrinsics_of
 from ._clothes import Outfit, Style
 from ._motion import Routine, ground_path, perform, recorded
 from ._render import Rendered, Subject, develop, render_view
@@ -139,8 +139,8 @@ def make_capture(
         poses, path = recorded(motion, times)
     vertices, joints = posed(character, poses)
     angle = np.radians(view_angle_degrees)
-    lens = (focal_per_width, body_fraction)
-    paths = handheld_paths(times, path, size, num_cameras, seed, camera_shake, height, angle, *lens)
+    distance = filming_distance(size, height, focal_per_width, body_fraction)
+    paths = handheld_paths(times, path, distance, num_cameras, seed, camera_shake, height, angle)
 
     every = 1 + sub_frames
     intrinsics, scene = intrinsics_of(size, focal_per_width), make_scene(seed, scenery)
