@@ -16,7 +16,7 @@ from jaxmocap.energies import Base, BodyPart, GroupProblem, SearchEnergy, part_w
 from jaxmocap.observation import FrameProblem, Surface
 from jaxmocap.samplers import AbstractSampler, Pool, run
 
-from ._drawn_meshes import Groups, Mesh, alike_parts, is_limb, power_of_two
+from ._drawn_meshes import Groups, Mesh, alike_parts, power_of_two
 
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
@@ -237,7 +237,7 @@ def group_searches(
     for name, dofs in groups:
         part = parts[name]
         first = Sizes(*(power_of_two(1.3 * count) for count in (character.faces.shape[0], part.faces.shape[1])))
-        sizes = shared.setdefault(is_limb(skeleton, name), first)
+        sizes = shared.setdefault(name in skeleton.limbs, first)
         distal = jax.device_put(np.isin(np.asarray(part.dofs), skeleton.distal))
         searches.append(GroupSearch(name, dofs, energy, step, drawn, part, surface, sizes, distal))
     return searches

@@ -7,8 +7,9 @@ from typing import Literal
 import cv2
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
-from ._textures import Picture, add_posters, add_windows, bricks, crate, sky
+from ._textures import Colour, Picture, add_posters, add_windows, bricks, crate, sky
 
 Scenery = Literal["bricks", "skin"]
 SUN = np.array([0.42, 0.80, 0.43]) / np.linalg.norm([0.42, 0.80, 0.43])
@@ -83,7 +84,9 @@ def _pyramid(picture: Picture) -> Pyramid:
     return Pyramid(atlas, np.asarray(starts, np.float32), np.asarray(sizes, np.float32))
 
 
-def _panel(corner, right, down, picture: Picture, takes_shadow: bool = False, lit: bool = True) -> Panel:
+def _panel(
+    corner: ArrayLike, right: ArrayLike, down: ArrayLike, picture: Picture, takes_shadow: bool = False, lit: bool = True
+) -> Panel:
     corner, right, down = (np.asarray(v, float) for v in (corner, right, down))
     normal = np.cross(down, right)
     normal /= np.linalg.norm(normal)
@@ -91,7 +94,13 @@ def _panel(corner, right, down, picture: Picture, takes_shadow: bool = False, li
     return Panel(corner, right, down, _pyramid(picture), light, takes_shadow)
 
 
-def _box(rng: np.random.Generator, x: float, z: float, size: tuple[float, float, float], colour) -> list[Panel]:
+def _box(
+    rng: np.random.Generator,
+    x: float,
+    z: float,
+    size: tuple[float, float, float],
+    colour: Colour,
+) -> list[Panel]:
     """Build the four sides and the top of a crate or post standing at (x, z); size is (width, height, depth)."""
     w, h, d = size
     texel = 0.012
@@ -109,7 +118,7 @@ def _box(rng: np.random.Generator, x: float, z: float, size: tuple[float, float,
 def _ground(
     rng: np.random.Generator,
     boxes: list[tuple[float, float, tuple[float, float, float]]],
-    colour: tuple[float, float, float],
+    colour: Colour,
 ) -> list[Panel]:
     """Build the pavement with the boxes' cast shadows painted in, and a coarser one out to the horizon."""
     half = GROUND_SIZE / 2
