@@ -35,7 +35,6 @@ from ._palette import (
     Palette as Palette,
     fit_palette as fit_palette,
     label_image as label_image,
-    palette_error as palette_error,
     palette_from_colours as palette_from_colours,
     psi_table as psi_table,
 )

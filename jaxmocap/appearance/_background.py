@@ -1,7 +1,7 @@
 """The background model of a selected frame, and how far a later image is from it (psi_b)."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import equinox as eqx
 import jax
@@ -14,12 +14,9 @@ from scipy.spatial import KDTree
 from jaxmocap._results import InputError
 
 from ._background_grid import GridSettings, grid_ids, grid_triangles, grid_vertices
-from ._colour_model import TAU, ColourModel, ColourSettings, psi
+from ._colour_model import TAU, ColourModel, ColourSettings
 from ._fit_colours import fit_colour_models
-from ._palette import Palette, label_image
-
-EXACT_CHUNK = 1 << 16
-"""Pixels per compiled call of the exact distance."""
+from ._warp import GridWarp
 
 
 class BackgroundModel(eqx.Module):
@@ -75,56 +72,21 @@ def fit_background(
 
 
 def background_distance(
-    model: BackgroundModel,
-    vertices: Float[np.ndarray, "vertex 2"],
-    image: UInt8[np.ndarray, "height width 3"],
+    table: Float[np.ndarray, "triangle colour"],
+    warp: GridWarp,
+    labels: Integer[np.ndarray, "height width"],
     *,
     origin: tuple[int, int] = (0, 0),
     grid: GridSettings | None = None,
-    colour: ColourSettings | None = None,
-    rest: Float[np.ndarray, "vertex 2"] | None = None,
-    palette: Palette | None = None,
-    table: Float[np.ndarray, "triangle colour"] | None = None,
-    labels: Integer[np.ndarray, "height width"] | None = None,
 ) -> Float[np.ndarray, "height width"]:
     """Compute psi_b of every pixel of a window: the distance of Eq. 3 to the warped triangle that covers it.
 
-    `vertices` is the grid of the selected frame warped to this frame (`GridWarp.vertices`, with `GridWarp.rest` to
-    settle fold-overs), `image` the window of the frame, `origin` the (y, x) of its first pixel in the whole image. With
-    `table` (`psi_table` of this model) and `palette` (or ready `labels` of the window) a look-up replaces Gaussians.
+    `table` is the `psi_table` of the selected frame's model, `warp` takes its grid to this frame (`rest` settles
+    fold-overs), `labels` are the palette's of the window and `origin` the (y, x) of its first pixel in the whole image.
     """
-    height, width = image.shape[:2]
-    ids = grid_ids(vertices, height, width, grid, rest=rest, origin=origin)
-    colour = ColourSettings() if colour is None else colour
-    if table is None:
-        return _exact(model, ids, image, colour)
-    if labels is None:
-        if palette is None:
-            raise ValueError("background_distance needs the palette of the table, or the labels of the window.")
-        labels = np.asarray(label_image(palette, image))
+    ids = grid_ids(warp.vertices, labels.shape[0], labels.shape[1], grid, rest=warp.rest, origin=origin)
     looked_up = np.asarray(table)[np.maximum(ids, 0), labels].astype(np.float32)
     return np.where(ids >= 0, looked_up, np.float32(TAU))
-
-
-@eqx.filter_jit
-def _psi_chunk(model: ColourModel, ids: Any, colours: Any, settings: ColourSettings) -> Array:
-    return psi(model, ids, colours.astype(jnp.float32) / 255, settings)
-
-
-def _exact(
-    model: BackgroundModel, ids: np.ndarray, image: np.ndarray, settings: ColourSettings
-) -> Float[np.ndarray, "height width"]:
-    count = ids.size
-    padded = -(-count // EXACT_CHUNK) * EXACT_CHUNK
-    flat_ids = np.full(padded, -1, np.int32)
-    flat_ids[:count] = ids.ravel()
-    flat = np.zeros((padded, 3), np.uint8)
-    flat[:count] = image.reshape(-1, 3)
-    parts = [
-        np.asarray(_psi_chunk(model.colours, flat_ids[i : i + EXACT_CHUNK], flat[i : i + EXACT_CHUNK], settings))
-        for i in range(0, padded, EXACT_CHUNK)
-    ]
-    return np.concatenate(parts)[:count].reshape(ids.shape)
 
 
 def nearest_selected(

@@ -6,10 +6,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Integer, UInt8
+from jaxtyping import Array, Float, Integer, UInt8
 from scipy.spatial import KDTree
 
-from ._colour_model import TAU, ColourModel, ColourSettings, distance, psi, whitening
+from ._colour_model import TAU, ColourModel, ColourSettings, distance, whitening
 
 LATTICE = 64
 """Colours are first rounded to a lattice of this many steps per channel."""
@@ -112,24 +112,3 @@ def psi_table(
         return nearest.astype(dtype)
 
     return jax.lax.map(row, (model.means, *whitening(model, settings)), batch_size=ROWS)
-
-
-def palette_error(
-    model: ColourModel,
-    palette: Palette,
-    element_ids: Int[Array | np.ndarray, " pixel"],
-    colours: Float[Array | np.ndarray, "pixel 3"],
-    settings: ColourSettings | None = None,
-) -> dict[str, float]:
-    """Compare the table with the exact psi on given pixels: `mean`, `rms`, `p95` and `max` difference, unit psi."""
-    exact = np.asarray(psi(model, element_ids, colours, settings))
-    looked_up = np.asarray(psi_table(model, palette, settings, jnp.float32))[
-        np.asarray(element_ids), np.asarray(label_image(palette, colours))
-    ]
-    error = looked_up - exact
-    return {
-        "mean": float(error.mean()),
-        "rms": float(np.sqrt(np.mean(error**2))),
-        "p95": float(np.percentile(np.abs(error), 95)),
-        "max": float(np.abs(error).max()),
-    }

@@ -184,7 +184,9 @@ def draw_paths(
         scale = _SIZE / float((corners[1] - corners[0]).max())
         image = np.full((_SIZE, _SIZE, 3), 255, np.uint8)
 
-        def pixel(value: np.ndarray, axes=axes, corners=corners, scale=scale) -> tuple[int, int]:
+        def pixel(
+            value: np.ndarray, axes: np.ndarray = axes, corners: np.ndarray = corners, scale: float = scale
+        ) -> tuple[int, int]:
             x, y = (axes @ value - corners.mean(0)) * scale + _SIZE / 2
             return int(np.clip(x, -9999, 9999)), int(np.clip(y, -9999, 9999))
 

@@ -43,7 +43,6 @@ from ._kinematics import (
     offset_landmarks as offset_landmarks,
     points_and_jacobian as points_and_jacobian,
     skin as skin,
-    taylor_skin as taylor_skin,
 )
 from ._map_joints import Source as Source
 from ._pose import (
@@ -59,7 +58,6 @@ from ._pose import (
     pose_vector as pose_vector,
     rest_pose as rest_pose,
     retract as retract,
-    retract_root_twist as retract_root_twist,
     rewritten_increments as rewritten_increments,
     with_limb as with_limb,
 )

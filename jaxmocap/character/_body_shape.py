@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ._character import Character
 from ._dof_table import BODIES
+from ._kinematics import times
 from ._skeleton import Skeleton
 
 LENGTHS = ("torso", "shoulders", "hips", "head", "upper_arm", "forearm", "hand", "thigh", "shank", "foot")
@@ -70,12 +71,12 @@ def scaled(character: Character, shape: BodyShape) -> Character:
     stretch = _stretch(skeleton, shape)
     moved = [jnp.zeros(3)]
     for body, parent in list(enumerate(skeleton.parents))[1:]:
-        moved.append(moved[parent] + _times(stretch[parent], joints[body] - joints[parent]))
-    constant = jnp.stack(moved) - _times(stretch, joints)  # body b moves a point x by stretch_b x + constant_b
+        moved.append(moved[parent] + times(stretch[parent], joints[body] - joints[parent]))
+    constant = jnp.stack(moved) - times(stretch, joints)  # body b moves a point x by stretch_b x + constant_b
 
     def carried(points: Float[Array, "point 3"], bodies: tuple[int, ...]) -> Float[Array, "point 3"]:
         index = np.array(bodies, np.uint32)
-        return points + _times(stretch[index], points) + constant[index]
+        return points + times(stretch[index], points) + constant[index]
 
     landmarks = carried(skeleton.landmarks, skeleton.landmark_bodies)
     heels = np.array([skeleton.landmark_names.index(f"{side}_heel") for side in "lr"], np.uint32)
@@ -86,7 +87,7 @@ def scaled(character: Character, shape: BodyShape) -> Character:
         lambda c: (c.vertices, c.skeleton.landmarks, c.skeleton.origins),
         character,
         (
-            character.vertices + _times(blended, character.vertices) + drift + lift,
+            character.vertices + times(blended, character.vertices) + drift + lift,
             landmarks + lift,
             carried(skeleton.origins, skeleton.dof_body) + lift,
         ),
@@ -133,7 +134,3 @@ def _stretch(skeleton: Skeleton, shape: BodyShape) -> Float[Array, "bone 3 3"]:
             breadth = girth[whole] if width is None else length[width]
             parts.append(jnp.diag(jnp.stack([breadth, length[whole], girth[whole]])))
     return jnp.stack(parts)
-
-
-def _times(matrices: Float[Array, "*n 3 3"], vectors: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
-    return jnp.sum(matrices * vectors[..., None, :], axis=-1)

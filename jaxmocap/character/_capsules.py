@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxmocap.geometry import face_areas
+
 from ._character import Character
 
 _CENTRE = {"pelvis": ("l_hip", "r_hip"), "abdomen": ("spine", "thorax"), "chest": ("thorax", "neck")}
@@ -61,9 +63,7 @@ def _sided(name: str, side: str) -> str:
 
 def _areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Assign to each vertex a third of the area of the faces around it, square metres."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
-    return np.bincount(faces.ravel(), np.repeat(third, 3), len(vertices))
+    return np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), len(vertices))
 
 
 def _radius(skin: np.ndarray, size: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:

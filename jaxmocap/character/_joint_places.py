@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmocap.geometry import unit
+
 from ._joint_names import ancestors
 from ._read_skin import RawSkin
 
@@ -59,7 +61,7 @@ def _assemble(
     if not others or None in leg_triples or None in arm_triples:
         return {}
     feet = tree.places[[triple[2] for triple in leg_triples if triple]].mean(axis=0)
-    up = _unit(tree.places[chest] - feet)
+    up = unit(tree.places[chest] - feet)
     neck = max(others, key=lambda joint: (tree.places[joint] - tree.places[chest]) @ up + tree.reach[joint])
     forward = np.sum([_foot_direction(raw, tree, triple[2], up) for triple in leg_triples if triple], axis=0)
     if np.linalg.norm(forward) < 1e-9:
@@ -147,7 +149,3 @@ def _below(tree: _Tree, joint: int) -> list[int]:
     for current in found:
         found.extend(tree.children[current])
     return found
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / max(np.linalg.norm(vector), 1e-12)

@@ -37,7 +37,7 @@ def chain(skeleton: Skeleton, pose: Pose) -> Chain:
     sine, cosine = jnp.sin(pose.angles)[:, None, None], jnp.cos(pose.angles)[:, None, None]
     eye = jnp.eye(3, dtype=skeleton.axes.dtype)
     turn = eye + sine * w + (1 - cosine) * matmul(w, w)
-    shift = skeleton.origins - _apply(turn, skeleton.origins)
+    shift = skeleton.origins - times(turn, skeleton.origins)
     steps = _steps(skeleton.parents, skeleton.dof_body, side_by_side=jax.default_backend() != "cpu")
     turn = jnp.concatenate([turn, eye[None]])[steps.dof]
     shift = jnp.concatenate([shift, jnp.zeros_like(shift[:1])])[steps.dof]
@@ -46,7 +46,7 @@ def chain(skeleton: Skeleton, pose: Pose) -> Chain:
         source, target, turn, shift = now
         rotation, translation = bodies[0][source], bodies[1][source]
         moved = bodies[0].at[target].set(matmul(rotation, turn))
-        carried = bodies[1].at[target].set(_apply(rotation, shift) + translation)
+        carried = bodies[1].at[target].set(times(rotation, shift) + translation)
         return (moved, carried), (rotation, translation)
 
     count = 1 + len(skeleton.parents)  # the root's transform comes first
@@ -96,7 +96,7 @@ def landmark_positions(skeleton: Skeleton, pose: Pose) -> Float[Array, "landmark
     """Place the joints and other landmarks in the world, metres, in the order of `skeleton.landmark_names`."""
     bodies = chain(skeleton, pose)
     index = _rows(skeleton.landmark_bodies)
-    return _apply(bodies.rotations[index], skeleton.landmarks) + bodies.translations[index]
+    return times(bodies.rotations[index], skeleton.landmarks) + bodies.translations[index]
 
 
 @partial(jax.jit, static_argnames="carriers")
@@ -106,12 +106,13 @@ def offset_landmarks(
     """Place points that lie `offsets` away from the landmarks, metres in the rest frame, and turn with other bodies."""
     bodies = chain(skeleton, pose)
     index = _rows(skeleton.landmark_bodies)
-    places = _apply(bodies.rotations[index], skeleton.landmarks) + bodies.translations[index]
-    return places + _apply(bodies.rotations[_rows(carriers)], offsets)
+    places = times(bodies.rotations[index], skeleton.landmarks) + bodies.translations[index]
+    return places + times(bodies.rotations[_rows(carriers)], offsets)
 
 
-def _apply(rotations: Array, vectors: Array) -> Array:
-    return jnp.sum(rotations * vectors[..., None, :], axis=-1)
+def times(matrices: Float[Array, "*n 3 3"], vectors: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+    """Multiply vectors by matrices, exactly on every device."""
+    return jnp.sum(matrices * vectors[..., None, :], axis=-1)
 
 
 def _rows(numbers: Iterable[int]) -> np.ndarray:
@@ -172,8 +173,8 @@ def points_and_jacobian(
     sums = jnp.einsum("db,nbi->ndi", moved, weighted, precision="highest")
     masses = jnp.matmul(weights, moved.T, precision="highest")
 
-    angular = _apply(bodies.before_rotations, skeleton.axes)
-    through = _apply(bodies.before_rotations, skeleton.origins) + bodies.before_translations
+    angular = times(bodies.before_rotations, skeleton.axes)
+    through = times(bodies.before_rotations, skeleton.origins) + bodies.before_translations
     linear = -jnp.cross(angular, through)
     joints = jnp.cross(angular[None], sums) + masses[:, :, None] * linear
 
@@ -182,17 +183,3 @@ def points_and_jacobian(
     translation = total[:, :, None] * jnp.eye(3, dtype=points.dtype)
     rotation = -hat(positions - total * pelvis)
     return positions, jnp.concatenate([translation, rotation, jnp.swapaxes(joints, 1, 2)], axis=2)
-
-
-@jax.jit
-def taylor_skin(
-    character: Character, pose: Pose, deltas: Float[Array, "particle dof"]
-) -> Float[Array, "particle vertex 3"]:
-    """Approximate the vertices at many increments of one pose, linearised about it (Eq. 4).
-
-    The error is quadratic: below 5 mm for 2 degrees on every DoF, centimetres at 20 degrees; `vmap(skin)` is the
-    exact counterpart.
-    """
-    vertices, jacobian = points_and_jacobian(character.skeleton, pose, character.vertices, character.weights)
-    moved = jnp.matmul(deltas, jacobian.reshape(-1, deltas.shape[-1]).T, precision="highest")
-    return vertices + moved.reshape(len(deltas), *vertices.shape)

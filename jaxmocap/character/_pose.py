@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmocap.geometry import matmul, rigid, se3_exp, so3_exp, so3_log
+from jaxmocap.geometry import matmul, rigid, so3_exp, so3_log
 
 from ._skeleton import ROOT_DOFS, Skeleton
 
@@ -48,18 +48,12 @@ def retract(skeleton: Skeleton, pose: Pose, delta: Float[Array, " dof"]) -> Pose
 
     `delta[0:3]` translates the pelvis in the world (metres), `delta[3:6]` is a world rotation vector applied on the
     left about the pelvis (radians), `delta[6:]` adds to the joint angles. Departs from Eq. 2's root twist about the
-    world origin, which couples rotation with translation when the origin is far away; `retract_root_twist` is the
-    literal reading.
+    world origin, which couples rotation with translation when the origin is far away.
     """
     rotation = matmul(so3_exp(delta[3:6]), pose.root[:3, :3])
     pelvis = pelvis_position(skeleton, pose) + delta[:3]
     translation = pelvis - jnp.sum(rotation * skeleton.pelvis, axis=-1)
     return Pose(root=rigid(rotation, translation), angles=pose.angles + delta[ROOT_DOFS:])
-
-
-def retract_root_twist(pose: Pose, delta: Float[Array, " dof"]) -> Pose:
-    """Move the root by the world twist `delta[0:6] = (v, w)` about the world origin: Eq. 2 to the letter."""
-    return Pose(root=matmul(se3_exp(delta[:ROOT_DOFS]), pose.root), angles=pose.angles + delta[ROOT_DOFS:])
 
 
 @jax.jit

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from jaxmocap.geometry import unit
+
 _STRAIGHT_ELBOW = np.radians(10.0)  # below this bend the plane of the arm says nothing
 _STRAIGHT_KNEE = np.radians(20.0)  # knees also bend sideways by a few degrees
 _LATERAL_ARM = np.sin(np.radians(20.0))  # closer to sideways than this, flexion and axial rotation coincide
@@ -38,15 +40,15 @@ def rest_angles(places: Mapping[str, np.ndarray]) -> tuple[dict[str, float], Fra
 
 
 def _arm(at: Mapping[str, np.ndarray]) -> tuple[dict[str, float], Frames]:
-    upper = _unit(at["elbow"] - at["shoulder"])
-    fore = _unit(at["wrist"] - at["elbow"])
+    upper = unit(at["elbow"] - at["shoulder"])
+    fore = unit(at["wrist"] - at["elbow"])
     flex, lift = _arm_swing(upper)
     swung = _turn(-_X, flex)
     raised = _align(swung @ _turn(_Z, lift), _X, upper)
     axial = 0.0
     bend = _angle(upper, fore)
     if bend > _STRAIGHT_ELBOW:
-        normal = raised.T @ _unit(np.cross(upper, fore))  # the elbow axis, -y before axial rotation
+        normal = raised.T @ unit(np.cross(upper, fore))  # the elbow axis, -y before axial rotation
         axial = np.arctan2(-normal[2], -normal[1])
     turned = raised @ _turn(_X, axial)
     direction = turned.T @ fore
@@ -75,14 +77,14 @@ def _arm_swing(upper: np.ndarray) -> tuple[float, float]:
 
 
 def _leg(at: Mapping[str, np.ndarray]) -> tuple[dict[str, float], Frames]:
-    thigh = _unit(at["knee"] - at["hip"])
-    shank = _unit(at["ankle"] - at["knee"])
+    thigh = unit(at["knee"] - at["hip"])
+    shank = unit(at["ankle"] - at["knee"])
     flex, spread = np.arctan2(thigh[2], -thigh[1]), np.arcsin(thigh[0])
     swung = _turn(-_X, flex)
     spread_frame = swung @ _turn(_Z, spread)
     internal = 0.0
     if _angle(thigh, shank) > _STRAIGHT_KNEE:
-        normal = spread_frame.T @ _unit(np.cross(thigh, shank))  # the knee axis, x before axial rotation
+        normal = spread_frame.T @ unit(np.cross(thigh, shank))  # the knee axis, x before axial rotation
         candidate = np.arctan2(normal[2], normal[0])
         internal = candidate if abs(candidate) < np.radians(60) else 0.0
     turned = spread_frame @ _turn(-_Y, internal)
@@ -101,10 +103,6 @@ def _leg(at: Mapping[str, np.ndarray]) -> tuple[dict[str, float], Frames]:
         "ankle_inv": sole,
     }
     return angles, frames
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.linalg.norm(vector)
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> float:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxmocap.geometry import unit
+
 from ._gltf import Document
 from ._map_joints import Source, map_joints
 from ._read_skin import RawSkin, read_skin
@@ -62,9 +64,9 @@ def rest_frame(places: dict[str, np.ndarray], near: float = 20.0) -> np.ndarray:
     Up is from the ankles to the neck, left from the right hip and shoulder to the left ones.
     """
     ankles = 0.5 * (places["l_ankle"] + places["r_ankle"])
-    up = _unit(places["neck"] - ankles)
-    left = sum(_unit(places[f"l_{name}"] - places[f"r_{name}"]) for name in ("hip", "shoulder"))
-    left = _unit(left - (left @ up) * up)
+    up = unit(places["neck"] - ankles)
+    left = sum(unit(places[f"l_{name}"] - places[f"r_{name}"]) for name in ("hip", "shoulder"))
+    left = unit(left - (left @ up) * up)
     estimate = np.stack([left, up, np.cross(left, up)])
     for turn in _quarter_turns():
         if np.all(np.sum(turn * estimate, axis=1) > np.cos(np.radians(near))):
@@ -80,7 +82,3 @@ def _quarter_turns() -> list[np.ndarray]:
             if np.linalg.det(turn) > 0:
                 turns.append(turn)
     return turns
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / max(np.linalg.norm(vector), 1e-12)

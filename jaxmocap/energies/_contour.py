@@ -60,7 +60,7 @@ def _blur(values: Array) -> Array:
     return values
 
 
-def _shift(values: Array, rows: int, columns: int, fill) -> Array:
+def _shift(values: Array, rows: int, columns: int, fill: float) -> Array:
     padded = jnp.pad(values, 1, constant_values=fill)
     return padded[1 + rows : 1 + rows + values.shape[0], 1 + columns : 1 + columns + values.shape[1]]
 

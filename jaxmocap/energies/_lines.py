@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmocap._cache import cached_jit
@@ -81,7 +82,7 @@ def rays(
 def surface_lines(
     vertices: Float[Array, "vertex 3"],
     faces: Int[Array, "face 3"],
-    ids: Int[Array, "row"],
+    ids: Int[Array | np.ndarray, "row"],
     pixels: Float[Array, "row 2"],
     targets: Float[Array, "row 2"],
     weight: Float[Array, "row"],

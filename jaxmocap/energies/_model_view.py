@@ -36,7 +36,7 @@ class ModelView(AbstractTerm):
             trusts the background more than the surface's colours, which pays where it is a clean plate.
         outside: cost of a mesh pixel that leaves the rectangle but not the picture: 1 keeps a pose from hiding there, 0
             is the printed equation.
-        shading: "palette" looks psi_f up in a table of palette colours (`palette_error` says what that costs); "exact"
+        shading: "palette" looks psi_f up in a table of palette colours; "exact"
             compares every covered pixel with the Gaussians of its face, which is much slower.
     """
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from jaxmocap._results import InputError
+from jaxmocap._types import Quality
 from jaxmocap.baselines import METHODS
 
 from ._gate import Figure, complaints, figures_of, read_baseline, write_figures
@@ -50,7 +51,7 @@ def bench(
     captures: Sequence[str | Path] = (),
     methods: Sequence[str] | None = None,
     frames: tuple[int, int] | None = None,
-    quality: Literal["draft", "normal", "paper"] | None = None,
+    quality: Quality | None = None,
     seeds: Sequence[int] | None = None,
     only: str | None = None,
     gate: str | Path | None = None,
@@ -110,7 +111,14 @@ def bench(
     return Benchmark(rows, figures, worse, files)
 
 
-def _trials(quick, captures, methods, frames, quality, seeds) -> list[Trial]:
+def _trials(
+    quick: bool,
+    captures: Sequence[str | Path],
+    methods: Sequence[str] | None,
+    frames: tuple[int, int] | None,
+    quality: Quality | None,
+    seeds: Sequence[int] | None,
+) -> list[Trial]:
     if captures:
         return _on_folders([Path(folder) for folder in captures], quick, methods, frames, quality, seeds)
     if frames is not None:
@@ -118,7 +126,14 @@ def _trials(quick, captures, methods, frames, quality, seeds) -> list[Trial]:
     return [trial for trial in paper(quick, seeds, quality) if methods is None or trial.run.method in methods]
 
 
-def _on_folders(folders: list[Path], quick, methods, frames, quality, seeds) -> list[Trial]:
+def _on_folders(
+    folders: list[Path],
+    quick: bool,
+    methods: Sequence[str] | None,
+    frames: tuple[int, int] | None,
+    quality: Quality | None,
+    seeds: Sequence[int] | None,
+) -> list[Trial]:
     from jaxmocap.capture import Capture, config_path
 
     folders, by_name = [config_path(folder).parent for folder in folders], dict[str, Path]()

@@ -1,14 +1,18 @@
 """The paper's section 5 as a list of trials: competitors on every capture, and one factor at a time."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
+from jaxmocap._types import Quality
 from jaxmocap.baselines import METHODS
 from jaxmocap.track import Tracker
 
 from ._run import Inputs, Run, Trial
 from ._suite import STORIES, CaptureSpec, story
+
+Changes = tuple[dict[str, Any], dict[str, Any]]
+"""Of settings of the tracker and of the appearance."""
 
 Setting = tuple[str, dict[str, Any], dict[str, Any]]
 """A value's name, and what it changes of the tracker and of the appearance."""
@@ -27,7 +31,7 @@ RESCUES = {
 FIGURE_1 = ("arms-like-torso", "uniform-arm", "background-like-arms")
 
 
-def without(term: str, quality: Literal["draft", "normal", "paper"]) -> Setting:
+def without(term: str, quality: Quality) -> Setting:
     """Leave out a part of the method, everything else as it is."""
     if term == "no background":
         return term, dict(NO_BACKGROUND), {"behind": "none"}
@@ -62,7 +66,12 @@ def comparison(
 
 
 def ablation(
-    experiment: str, factor: str, settings: Sequence[Setting], captures: Sequence[CaptureSpec], seeds, base: Run
+    experiment: str,
+    factor: str,
+    settings: Sequence[Setting],
+    captures: Sequence[CaptureSpec],
+    seeds: Sequence[int],
+    base: Run,
 ) -> list[Trial]:
     """List trials of the tracker with one factor changed at a time."""
     return [
@@ -79,7 +88,12 @@ def ablation(
 
 
 def varied(
-    experiment: str, factor: str, captures: Mapping[str, CaptureSpec], seeds, base: Run, inputs: Inputs | None = None
+    experiment: str,
+    factor: str,
+    captures: Mapping[str, CaptureSpec],
+    seeds: Sequence[int],
+    base: Run,
+    inputs: Inputs | None = None,
 ) -> list[Trial]:
     """List trials of the tracker on the same capture filmed in several ways."""
     base = base if inputs is None else replace(base, inputs=inputs)
@@ -91,7 +105,12 @@ def varied(
 
 
 def given(
-    experiment: str, factor: str, inputs: Mapping[str, Inputs], captures: Sequence[CaptureSpec], seeds, base: Run
+    experiment: str,
+    factor: str,
+    inputs: Mapping[str, Inputs],
+    captures: Sequence[CaptureSpec],
+    seeds: Sequence[int],
+    base: Run,
 ) -> list[Trial]:
     """List trials of the tracker with other inputs."""
     return [
@@ -105,7 +124,7 @@ def given(
 def paper(
     quick: bool = False,
     seeds: Sequence[int] | None = None,
-    quality: Literal["draft", "normal", "paper"] | None = None,
+    quality: Quality | None = None,
 ) -> list[Trial]:
     """List all trials of section 5 on the suite.
 
@@ -156,7 +175,7 @@ def _silhouettes(dance: CaptureSpec, seeds: Sequence[int], base: Run) -> list[Tr
     return [replace(trial, experiment="Fig. 15 views") for trial in comparison(captures, seeds, base, methods)]
 
 
-def _as_printed(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run, quality) -> list[Trial]:
+def _as_printed(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run, quality: Quality) -> list[Trial]:
     """List the stories of Fig. 1 without the prior of the search, which the paper lacks and which rescues, too."""
     parts: list[Setting] = [
         ("all parts", {}, {}),
@@ -172,7 +191,7 @@ def _more(captures: Mapping[str, CaptureSpec], seeds: Sequence[int], base: Run) 
     arms, light = captures[ARMS], captures[LIGHT]
     weight = "search_energy.terms.view_view.weight"
 
-    def swept(name: str, values: Sequence[Any], settings) -> list[Trial]:
+    def swept(name: str, values: Sequence[Any], settings: Callable[[Any], Changes]) -> list[Trial]:
         return ablation(name, name, [(f"{value}", *settings(value)) for value in values], [arms], seeds, base)
 
     grid = lambda n: ({}, {"behind": "grid", "grid.rows": n, "grid.columns": n})  # noqa: E731

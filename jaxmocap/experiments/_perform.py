@@ -14,12 +14,13 @@ import numpy as np
 from jaxmocap._cache import make_room
 from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
+from jaxmocap._types import Quality
 from jaxmocap.appearance import Appearance, appearance_preset
 from jaxmocap.baselines import method
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, Detections, content_hash
 from jaxmocap.character import Character, Pose
-from jaxmocap.geometry import so3_exp
+from jaxmocap.geometry import so3_exp, vertex_normals
 from jaxmocap.metrics import evaluate
 from jaxmocap.motion import Motion
 from jaxmocap.observation import key_poses_of, observe
@@ -130,7 +131,9 @@ def _prepare(folder: Path, inputs: Inputs, seed: int) -> Prepared:
 
 
 @lru_cache(maxsize=3)
-def _appearance(folder: Path, inputs: Inputs, seed: int, quality, changes: tuple[tuple[str, Any], ...]) -> Appearance:
+def _appearance(
+    folder: Path, inputs: Inputs, seed: int, quality: Quality, changes: tuple[tuple[str, Any], ...]
+) -> Appearance:
     prepared = _prepare(folder, inputs, seed)
     return fit_capture_appearance(
         prepared.capture,
@@ -169,10 +172,5 @@ def _roughened(character: Character, rng: np.random.Generator, millimetres: floa
     if not millimetres:
         return character
     vertices, faces = np.asarray(character.vertices, np.float64), np.asarray(character.faces)
-    corners = vertices[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(vertices)
-    np.add.at(normals, faces.reshape(-1), np.repeat(across, 3, axis=0))
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    moved = vertices + 1e-3 * millimetres * rng.standard_normal((len(vertices), 1)) * normals
+    moved = vertices + 1e-3 * millimetres * rng.standard_normal((len(vertices), 1)) * vertex_normals(vertices, faces)
     return replace(character, vertices=jnp.asarray(moved, jnp.float32))

@@ -96,7 +96,15 @@ def _markdown(tables: Sequence[Table], failed: Sequence[Row], title: str, notes:
     return "\n\n".join(parts) + "\n"
 
 
-def _html(rows, tables, failed, out: Path, captures, title: str, notes) -> str:
+def _html(
+    rows: Sequence[Row],
+    tables: Sequence[Table],
+    failed: Sequence[Row],
+    out: Path,
+    captures: dict[str, Path],
+    title: str,
+    notes: Sequence[str],
+) -> str:
     parts = [f"<h1>{escape(title)}</h1>", *(f"<p>{escape(note)}</p>" for note in notes)]
     compared = [row for row in rows if row["experiment"] == "comparison"]
     own = 2 if compared else 0

@@ -1,10 +1,12 @@
 from ._mesh import (
     face_adjacency as face_adjacency,
+    face_areas as face_areas,
     face_components as face_components,
     faces_within as faces_within,
     facing_cosine as facing_cosine,
     pack_rows as pack_rows,
     uniform_laplacian as uniform_laplacian,
+    unit as unit,
     vertex_normals as vertex_normals,
 )
 from ._residuals import (
@@ -21,16 +23,11 @@ from ._similarity import (
 )
 from ._surface_nets import SignedDistance as SignedDistance, surface_nets as surface_nets
 from ._transforms import (
-    ad as ad,
-    adjoint as adjoint,
     hat as hat,
     inverse as inverse,
     matmul as matmul,
     rigid as rigid,
     se3_exp as se3_exp,
-    se3_inverse as se3_inverse,
-    se3_left_jacobian as se3_left_jacobian,
-    se3_log as se3_log,
     so3_exp as so3_exp,
     so3_left_jacobian as so3_left_jacobian,
     so3_log as so3_log,

@@ -1,8 +1,13 @@
-"""Triangle meshes: vertex normals, and the dual graph that says which faces are a few edge steps apart (Eq. 7)."""
+"""Triangle meshes: normals, areas, and the dual graph that says which faces are a few edge steps apart (Eq. 7)."""
 
 import numpy as np
 import scipy.sparse as sparse
 from jaxtyping import Float, Int, UInt32
+
+
+def unit(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Scale a vector to length 1; one of no length stays as it is."""
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)
 
 
 def vertex_normals(
@@ -15,6 +20,12 @@ def vertex_normals(
     sums = [np.bincount(index, np.repeat(across[:, i], 3), len(vertices)) for i in range(3)]
     normals = np.stack(sums, axis=1)
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+def face_areas(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Float[np.ndarray, "face"]:
+    """Compute the area of each triangle, in the square of the vertices' unit."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
 def facing_cosine(

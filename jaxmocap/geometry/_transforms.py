@@ -1,4 +1,4 @@
-"""SO(3) and SE(3): exponentials, logarithms, adjoints and left Jacobians, safe to differentiate everywhere.
+"""SO(3) and SE(3): exponentials and the logarithm of a rotation, safe to differentiate everywhere.
 
 Twists are `(v, w)`, linear part first (Murray, Li and Sastry 1994). Every function takes leading batch axes, and no
 matrix product goes through a matrix unit, whose reduced precision (TF32) would cost millimetres.
@@ -105,54 +105,6 @@ def se3_exp(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     return rigid(so3_exp(angular), translation)
 
 
-def se3_log(matrix: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
-    """Compute the twist `(v, w)` of a rigid transform, |w| <= pi; the inverse of `se3_exp`."""
-    angular = so3_log(matrix[..., :3, :3])
-    w = hat(angular)
-    factor = _inverse_coefficient(_square(angular))[..., None, None]
-    inverse_v = jnp.eye(3, dtype=matrix.dtype) - 0.5 * w + factor * matmul(w, w)
-    linear = jnp.sum(inverse_v * matrix[..., None, :3, 3], axis=-1)
-    return jnp.concatenate([linear, angular], axis=-1)
-
-
-def se3_inverse(matrix: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
-    """Invert a rigid transform, `[R^T, -R^T t]`."""
-    transposed = jnp.swapaxes(matrix[..., :3, :3], -1, -2)
-    return rigid(transposed, -jnp.sum(transposed * matrix[..., None, :3, 3], axis=-1))
-
-
-def adjoint(matrix: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
-    """Compute `Ad(g) = [[R, p^ R], [0, R]]`, which carries twists `(v, w)`: `g exp(xi^) g^-1 = exp((Ad(g) xi)^)`."""
-    rotation, translation = matrix[..., :3, :3], matrix[..., :3, 3]
-    return _block(rotation, matmul(hat(translation), rotation))
-
-
-def ad(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
-    """Compute `ad(xi) = [[w^, v^], [0, w^]]`, the derivative of `adjoint(se3_exp(xi))` at zero."""
-    return _block(hat(twist[..., 3:]), hat(twist[..., :3]))
-
-
-def se3_left_jacobian(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
-    """Compute `J_l(xi) = sum_k ad(xi)^k / (k + 1)!`: `exp((xi + d)^) = exp((J_l d)^) exp(xi^)` to first order.
-
-    In closed form, since `ad` satisfies `ad (ad^2 + |w|^2)^2 = 0`.
-    """
-    s1, s2, s3, s4, s5 = _coefficients(_square(twist[..., 3:]), 1, 2, 3, 4, 5)
-    factors = [2 * s2 - 0.5 * s1, 2.5 * s3 - 0.5 * s2, 0.5 * s3 - s4, 0.5 * s4 - 1.5 * s5]
-    matrix = ad(twist)
-    power, total = matrix, jnp.eye(6, dtype=twist.dtype)
-    for factor in factors:
-        total = total + factor[..., None, None] * power
-        power = matmul(power, matrix)
-    return total
-
-
-def _block(diagonal: Array, corner: Array) -> Array:
-    top = jnp.concatenate([diagonal, corner], axis=-1)
-    bottom = jnp.concatenate([jnp.zeros_like(corner), diagonal], axis=-1)
-    return jnp.concatenate([top, bottom], axis=-2)
-
-
 def _square(vector: Array) -> Array:
     return jnp.sum(vector * vector, axis=-1)
 
@@ -165,7 +117,7 @@ def _horner(coefficients: list[float], x: Array) -> Array:
 
 
 def _coefficients(square: Array, *orders: int) -> tuple[Array, ...]:
-    """`S_n = sum_k (-t^2)^k / (2k + n)!` for n in 1..5: sin t / t, (1 - cos t) / t^2, (t - sin t) / t^3, and so on.
+    """`S_n = sum_k (-t^2)^k / (2k + n)!` for n in 1..3: sin t / t, (1 - cos t) / t^2, (t - sin t) / t^3.
 
     A series for t < 1, the closed form beyond: each branch is fed a value it can differentiate.
     """
@@ -173,17 +125,6 @@ def _coefficients(square: Array, *orders: int) -> tuple[Array, ...]:
     inside, outside = jnp.where(small, square, 0.0), jnp.where(small, 1.0, square)
     length = jnp.sqrt(outside)
     closed = {1: jnp.sin(length) / length, 2: 0.5 * (jnp.sin(0.5 * length) / (0.5 * length)) ** 2}
-    for order in (3, 4, 5):
-        closed[order] = (1 / math.factorial(order - 2) - closed[order - 2]) / outside
+    closed[3] = (1.0 - closed[1]) / outside
     series = {n: _horner([(-1.0) ** k / math.factorial(2 * k + n) for k in range(_NUM_TERMS)], inside) for n in orders}
     return tuple(jax.lax.select(small, series[n], closed[n]) for n in orders)
-
-
-def _inverse_coefficient(square: Array) -> Array:
-    """`(1 - (t/2) cot(t/2)) / t^2`, whose series has the coefficients |B_2k| / (2k)!."""
-    small = square < 1.0
-    inside, outside = jnp.where(small, square, 0.0), jnp.where(small, 1.0, square)
-    bernoulli = [1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798]
-    series = _horner([b / math.factorial(2 * k + 2) for k, b in enumerate(bernoulli)], inside)
-    half = 0.5 * jnp.sqrt(outside)
-    return jnp.where(small, series, (1 - half / jnp.tan(half)) / outside)

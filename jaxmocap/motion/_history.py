@@ -89,7 +89,7 @@ class MotionHistory(NamedTuple):
     increments: tuple[Float[np.ndarray, "dof"], ...] = ()
     steps: int = 1
 
-    def predicted(self, mode) -> Float[np.ndarray, "dof"]:
+    def predicted(self, mode: Order) -> Float[np.ndarray, "dof"]:
         """Predict the increment to the next frame by the autoregression of Eq. 10."""
         num_dofs = ROOT_DOFS + self.pose.angles.shape[0]
         if not self.increments:

@@ -98,7 +98,7 @@ class BackgroundModel:
             for selected in self.appearance.selected_for(shown.frame):
                 warp, after = self._warp(after, camera, selected, shown.frame, image, person)
                 warps.append((selected, warp))
-            return self._grid_distance(camera, warps, image, rectangle, labels[camera]), after
+            return self._grid_distance(camera, warps, rectangle, labels[camera]), after
 
         with ThreadPoolExecutor(cores()) as pool:
             found = list(pool.map(one, range(len(shown.images))))
@@ -185,7 +185,6 @@ class BackgroundModel:
         self,
         camera: int,
         warps: list[tuple[int, GridWarp]],
-        image: np.ndarray,
         rectangle: Rectangle,
         labels: np.ndarray,
     ) -> Float[np.ndarray, "height width"]:
@@ -197,16 +196,11 @@ class BackgroundModel:
                 self._tables[camera, selected] = np.asarray(self.appearance.background_table(camera, selected))
             distances.append(
                 background_distance(
-                    self.appearance.background[camera, selected],
-                    warp.vertices,
-                    image[rows, columns],
+                    self._tables[camera, selected],
+                    warp,
+                    labels,
                     origin=(rows.start, columns.start),
                     grid=self.appearance.settings.grid,
-                    colour=self.appearance.settings.colour,
-                    rest=warp.rest,
-                    palette=self.appearance.palette,
-                    table=self._tables[camera, selected],
-                    labels=labels,
                 )
             )
         return np.min(distances, axis=0)

@@ -132,8 +132,9 @@ class Observations:
             self.surface,
             labels,
             distances,
-            keypoints=self._detected(shown.frame, pose),
-            keypoint_offsets=None if detector is None else detector.metres(),
+        )
+        problem = problem.with_keypoints(
+            self._detected(shown.frame, pose), None if detector is None else detector.metres()
         )
         return Frame(shown, rectangle, problem), background
 

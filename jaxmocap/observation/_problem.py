@@ -1,5 +1,6 @@
 """What one frame shows, as arrays: the record every energy, sampler and refiner reads."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -71,6 +72,16 @@ class FrameProblem(eqx.Module):
     def projection(self) -> Float[Array, "camera 3 4"]:
         return projection_matrices(self.intrinsics, self.cam_from_world)
 
+    def with_keypoints(
+        self,
+        keypoints: Float[np.ndarray, "camera 25 3"] | None,
+        offsets: Float[np.ndarray, "25 3"] | None = None,
+    ) -> "FrameProblem":
+        """Add what a detector found, and where it sees the landmarks; None leaves them as they are."""
+        found = self.keypoints if keypoints is None else jax.device_put(np.asarray(keypoints, np.float32))
+        moved = self.keypoint_offsets if offsets is None else jax.device_put(np.asarray(offsets, np.float32))
+        return replace(self, keypoints=found, keypoint_offsets=moved)
+
     def coarser(self, step: int) -> "FrameProblem":
         """Keep every `step`-th pixel centre: point samples rank poses better than box-blurred images.
 
@@ -109,10 +120,9 @@ def build_problem(
     labels: list[np.ndarray] | None = None,
     background: list[np.ndarray] | None = None,
     edges: list[tuple[np.ndarray, np.ndarray]] | None = None,
-    keypoints: Float[np.ndarray, "camera 25 3"] | None = None,
-    keypoint_offsets: Float[np.ndarray, "25 3"] | None = None,
 ) -> FrameProblem:
-    """Assemble the arrays of one frame. `vertices` (any pose near the answer) place the range of depths."""
+    """Assemble the arrays of one frame, without keypoints. `vertices` (any pose near the answer) place the range of
+    depths."""
     # arrays of the host by `device_put`: JAX 0.10 compiles a copy for every shape that `jnp.asarray` meets
     view = cameras.at(frame)
     crops = [rectangle.crop(image, camera) for camera, image in enumerate(images)]
@@ -136,12 +146,8 @@ def build_problem(
             jax.device_put(np.stack([e[1] for e in edges]).astype(np.float32)),
         ),
         surface=surface,
-        keypoints=jax.device_put(
-            np.zeros((len(crops), 25, 3), np.float32) if keypoints is None else np.asarray(keypoints, np.float32)
-        ),
-        keypoint_offsets=jax.device_put(
-            np.zeros((25, 3), np.float32) if keypoint_offsets is None else np.asarray(keypoint_offsets, np.float32)
-        ),
+        keypoints=jax.device_put(np.zeros((len(crops), 25, 3), np.float32)),
+        keypoint_offsets=jax.device_put(np.zeros((25, 3), np.float32)),
     )
 
 

@@ -67,7 +67,9 @@ def _array(value: float | Array) -> Array:
     return jax.device_put(np.asarray(value, np.float32))
 
 
-def _residual(character, base, rows, landmarks):
+def _residual(
+    character: Character, base: Pose, rows: tuple[Rows, ...], landmarks: tuple[LandmarkRows, ...]
+) -> Callable[[Float[Array, "dof"]], Float[Array, "row"]]:
     parts = []
     if rows:  # as one part: it compiles and runs faster than many
         lines = join_lines(*(row.lines for row in rows))

@@ -110,7 +110,13 @@ class FlowSettings:
     preset: Literal["ultrafast", "fast", "medium"] = "medium"
 
 
-def _view(intrinsics, cam_from_world, vertices, ids, origin: tuple[int, int]) -> View:
+def _view(
+    intrinsics: Float[Array | np.ndarray, "3 3"],
+    cam_from_world: Float[Array | np.ndarray, "4 4"],
+    vertices: Float[Array, "vertex 3"],
+    ids: Int[Array | np.ndarray, "rows columns"],
+    origin: tuple[int, int],
+) -> View:
     return View(np.asarray(intrinsics), np.asarray(cam_from_world), np.asarray(vertices), np.asarray(ids), origin)
 
 
@@ -198,7 +204,16 @@ def compare_views(
     return Comparison(source_pixel, seen, good, moved, weight)
 
 
-def _one_source(character, vertices, ids, target, camera, problem, source, settings) -> list[SurfaceLines]:
+def _one_source(
+    character: Character,
+    vertices: Float[Array, "vertex 3"],
+    ids: Int[np.ndarray, "height width"],
+    target: UInt8[np.ndarray, "height width"],
+    camera: int,
+    problem: FrameProblem,
+    source: Source,
+    settings: FlowSettings,
+) -> list[SurfaceLines]:
     """Rows of one view and source; as many for every frame, so that what uses them compiles once."""
     view = jax.device_put((np.asarray(problem.intrinsics)[camera], np.asarray(problem.cam_from_world)[camera]))
     found = compare(character, vertices, ids, target, camera, problem, source, settings)

@@ -7,7 +7,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, PRNGKeyArray
+from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
@@ -17,6 +17,7 @@ from jaxmocap.energies import keypoint_rays
 from jaxmocap.observation import (
     BODY_25,
     FACE,
+    FrameProblem,
     Surface,
     build_problem,
     draw,
@@ -135,7 +136,9 @@ def register_frame(
     return Registration(frame, pose, agreement, keypoint_distance(character.skeleton, pose, rays()), searched)
 
 
-def _agreement(character, pose, problem, masks) -> Float[np.ndarray, "camera"]:
+def _agreement(
+    character: Character, pose: Pose, problem: FrameProblem, masks: list[Bool[np.ndarray, "height width"] | None]
+) -> Float[np.ndarray, "camera"]:
     _, ids, _ = draw(character, pose, problem)
     host = np.asarray(ids)
     return np.array([intersection_over_union(host[c], m) if m is not None else np.nan for c, m in enumerate(masks)])

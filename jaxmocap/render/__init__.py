@@ -18,7 +18,6 @@ from ._ray_visibility import (
     RaySamples as RaySamples,
     on_rays as on_rays,
     quantile_samples as quantile_samples,
-    spaced_samples as spaced_samples,
     transmittance as transmittance,
     visibilities as visibilities,
 )

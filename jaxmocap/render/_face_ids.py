@@ -1,5 +1,7 @@
 """Face numbers and inverse depth of a posed mesh in every view."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,12 +35,25 @@ def inverse_depth_range(
     return jnp.stack([1.0 / farthest, 1.0 / nearest])
 
 
+_Drawn = tuple[Int[Array, "*camera height width"], Float[Array, "*camera height width"], Int[Array, "*camera"]]
+"""Face numbers, inverse depth, and the windows needed."""
+
+
 @cached_jit
-def _face_ids(vertices, faces, intrinsics, cam_from_world, origins, height, width, capacity):
+def _face_ids(
+    vertices: Float[Array, "vertex 3"],
+    faces: Int[Array, "face 3"],
+    intrinsics: Float[Array, "camera 3 3"],
+    cam_from_world: Float[Array, "camera 4 4"],
+    origins: Int[Array, "camera 2"],
+    height: int,
+    width: int,
+    capacity: int,
+) -> _Drawn:
     layout = KeyLayout.for_faces(faces.shape[0])
     numbers = jnp.arange(faces.shape[0], dtype=jnp.int32)
 
-    def one_view(view):
+    def one_view(view: tuple[Array, Array, Array]) -> _Drawn:
         projection, world, origin = view
         depth_range = inverse_depth_range(vertices, world)
         screen = to_screen(vertices, projection, origin)
@@ -65,13 +80,12 @@ def face_ids(
     `origins` are the row and column of each rectangle's first pixel. Returns face numbers (-1 where empty) and inverse
     depth (1/metres, 0 where empty). Called from the host: a capacity that overflows is doubled and drawn again.
     """
+    given: tuple[Any, Any, Any, Any, Any] = (vertices, faces, intrinsics, cam_from_world, origins.astype(np.int32))
     capacity = 4096
     while capacity < faces.shape[0]:
         capacity *= 2
     while True:
-        ids, inverse, needed = _face_ids(
-            vertices, faces, intrinsics, cam_from_world, origins.astype(np.int32), height, width, capacity
-        )
+        ids, inverse, needed = _face_ids(*given, height, width, capacity)
         if int(np.asarray(needed).max()) <= capacity:
             return ids, inverse
         capacity = 2 ** int(np.asarray(needed).max() - 1).bit_length()

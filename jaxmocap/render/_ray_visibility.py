@@ -33,12 +33,6 @@ def quantile_samples(count: int) -> RaySamples:
     return RaySamples(ndtri(0.5 * (nodes + 1.0)), 0.5 * weights)
 
 
-def spaced_samples(first: int = -4, last: int = 0) -> RaySamples:
-    """Place samples one standard deviation apart; the default, the front half, is the publication's."""
-    offsets = np.arange(first, last + 1, dtype=np.float64)
-    return RaySamples(offsets, np.exp(-0.5 * offsets**2) / np.sqrt(2 * np.pi))
-
-
 def on_rays(
     centres: Float[Array, "*#n 3"],
     sigmas: Float[Array, "*#n"],

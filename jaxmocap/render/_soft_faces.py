@@ -66,7 +66,16 @@ def _as_int(value: Float[Array, "*n"]) -> Int[Array, "*n"]:
     return lax.bitcast_convert_type(value, jnp.int32)
 
 
-def _windows(screen, faces, height, width_pixels, reach, depth_range, layout, capacity):
+def _windows(
+    screen: Float[Array, "3 vertex"],
+    faces: Int[Array, "3 face"],
+    height: int,
+    width_pixels: int,
+    reach: Knob,
+    depth_range: Float[Array, "2"],
+    layout: KeyLayout,
+    capacity: int,
+) -> tuple[Float[Array, "window 14"], Int[Array, ""], Int[Array, ""]]:
     """Windows of all front faces that come within `reach` pixels of a pixel centre."""
     x, y, inverse = screen[0][faces], screen[1][faces], screen[2][faces]
     first_x, last_x = jnp.ceil(x.min(0) - reach), jnp.floor(x.max(0) + reach)
@@ -114,7 +123,15 @@ def _plane(x: Array, y: Array, value: Array) -> tuple[Array, Array, Array]:
     return a, b, value[0] - a * x[0] - b * y[0]
 
 
-def _layers(screen, faces, height, width, depth_range, layout, settings):
+def _layers(
+    screen: Float[Array, "3 vertex"],
+    faces: Int[Array, "3 face"],
+    height: int,
+    width: int,
+    depth_range: Float[Array, "2"],
+    layout: KeyLayout,
+    settings: SoftSettings,
+) -> tuple[Int[Array, "layer height width"], Int[Array, ""]]:
     """Keys (layer, height, width) of the nearest faces that touch each pixel's square, nearest first."""
     reach = 0.5 * settings.width
     records, count, needed = _windows(screen, faces, height, width, reach, depth_range, layout, settings.windows)

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, read_cameras
 from jaxmocap.detection import best_person, read_people
+from jaxmocap.geometry import unit
 
 from ._fit_template import Pin
 from ._picture_cameras import CAMERAS_FILE, VIEWS, metres_per_unit_of
@@ -144,10 +145,10 @@ def _directions(pins: dict[str, Pin]) -> tuple[np.ndarray | None, np.ndarray | N
     ]
     if top is None or low is None or not across:
         return None, None
-    up = _unit(top - low)
-    left = np.sum([_unit(vector) for vector in across], axis=0)
-    front = np.cross(_unit(left - (left @ up) * up), up)
-    return up, _unit(front)
+    up = unit(top - low)
+    left = np.sum([unit(vector) for vector in across], axis=0)
+    front = np.cross(unit(left - (left @ up) * up), up)
+    return up, unit(front)
 
 
 def _middle(pins: dict[str, Pin], joint: str) -> np.ndarray | None:
@@ -155,10 +156,6 @@ def _middle(pins: dict[str, Pin], joint: str) -> np.ndarray | None:
     if len(both) == 2:
         return 0.5 * (both[0] + both[1])
     return pins[f"mid_{joint}"].place if f"mid_{joint}" in pins else None
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / max(float(np.linalg.norm(vector)), 1e-12)
 
 
 def _listed(files: dict[str, Path]) -> str:

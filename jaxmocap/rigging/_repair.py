@@ -9,6 +9,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from jaxmocap._results import InputError
+from jaxmocap.geometry import face_areas
 
 from ._watertight import fill_holes, orient
 
@@ -40,7 +41,7 @@ def repair(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face
     most = max(_HUGE, 4 * num_faces)
     if len(faces) > most:
         before = len(faces)
-        vertices, faces = _weld(vertices, faces, 2 * np.sqrt(_areas(vertices, faces).sum() / most), flatten=True)
+        vertices, faces = _weld(vertices, faces, 2 * np.sqrt(face_areas(vertices, faces).sum() / most), flatten=True)
         done.append(f"snapped {before:,} triangles to a grid, which left {len(faces):,}")
     else:
         before = len(vertices)
@@ -85,11 +86,6 @@ def _finite(vertices: np.ndarray, faces: np.ndarray, done: list[str]) -> tuple[n
     return _used(vertices, faces)
 
 
-def _areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-
-
 def _used(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Without vertices that no face has; the order is kept."""
     used = np.zeros(len(vertices), bool)
@@ -131,7 +127,7 @@ def _without_islands(
     if count == 1:
         return vertices, faces
     of_face = label[faces[:, 0]]
-    area = np.bincount(of_face, _areas(vertices, faces), count)
+    area = np.bincount(of_face, face_areas(vertices, faces), count)
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, label, vertices)
     np.maximum.at(high, label, vertices)
@@ -163,7 +159,7 @@ def _sound(vertices: np.ndarray, faces: np.ndarray, done: list[str]) -> tuple[np
 def _manifold(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Remove the smallest faces on edges of three or five until there are none; four are two sheets that touch."""
     for _ in range(10):
-        area = _areas(vertices, faces)
+        area = face_areas(vertices, faces)
         edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
         key = edges[:, 0] * len(vertices) + edges[:, 1]
         of_face = np.tile(np.arange(len(faces)), 3)

@@ -152,7 +152,9 @@ def run(
 
     progress = begin(population, 0 if scouts is None else 2 * sets + 1)
 
-    def step(carry, iteration: Int[Array, ""]):
+    def step(
+        carry: tuple[_Progress, _Scouts | None], iteration: Int[Array, ""]
+    ) -> tuple[tuple[_Progress, _Scouts | None], _Row]:
         progress, scouts = carry
         number = iteration if scouts is None else iteration % sets  # steps before 0 come last
         asked, told = key_of(2 * number + 1), key_of(2 * number + 2)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import equinox as eqx
 import numpy as np
 
-from jaxmocap.character import VERTICES_STEP, Character, Skeleton, filled_up, simplify
+from jaxmocap.character import VERTICES_STEP, Character, filled_up, simplify
 from jaxmocap.energies import BodyPart, body_part
 from jaxmocap.observation import Surface, filled_surface, simplified_surface
 
@@ -35,18 +35,13 @@ def power_of_two(count: float, least: int = 256) -> int:
     return max(least, 2 ** int(np.ceil(np.log2(max(count, 1)))))
 
 
-def is_limb(skeleton: Skeleton, name: str) -> bool:
-    """Tell whether a group is a limb: limbs share one compiled search, and root and torso another."""
-    return name in skeleton.limbs
-
-
 def alike_parts(character: Character, groups: Groups) -> dict[str, BodyPart]:
     """Make the parts of all groups, those that share a search padded to the same shapes, which are few so that meshes
     share it too."""
-    skeleton, plain = character.skeleton, {name: body_part(character, dofs) for name, dofs in groups}
+    limbs, plain = character.skeleton.limbs, {name: body_part(character, dofs) for name, dofs in groups}
     parts = {}
     for name, dofs in groups:
-        alike = [plain[o] for o, _ in groups if is_limb(skeleton, o) == is_limb(skeleton, name)]
+        alike = [plain[o] for o, _ in groups if (o in limbs) == (name in limbs)]  # root and torso share one
         shapes = [(part.faces.shape[1], part.vertices.shape[0], part.dofs.shape[0]) for part in alike]
         num_faces, num_vertices, num_dofs = np.max(shapes, axis=0).tolist()
         num_faces = min(power_of_two(num_faces), character.faces.shape[0])

@@ -16,7 +16,7 @@ from jaxmocap.energies import Base, BodyPart, GroupProblem, SearchEnergy, part_w
 from jaxmocap.observation import FrameProblem, Surface
 from jaxmocap.samplers import AbstractSampler, Pool, run
 
-from ._drawn_meshes import Groups, Mesh, alike_parts, is_limb, power_of_two
+from ._drawn_meshes import Groups, Mesh, alike_parts, power_of_two
 
 ROOT_REACH = (0.5, 0.5, 0.5, 1.2, 1.2, 1.2)
 """Half widths of the box in which the root is searched, metres and radians."""
@@ -60,6 +60,16 @@ class _Box(NamedTuple):
     spread: Float[Array, "*dof"]
     lower: Float[Array, "*dof"]
     upper: Float[Array, "*dof"]
+
+
+class _Region(NamedTuple):
+    """Where the particles of one group go: the box of every degree of freedom, which of the group's own are `distal`,
+    and `wide` and `prior` of `Reach`."""
+
+    box: _Box
+    distal: Bool[Array, "group_dof"]
+    wide: float
+    prior: Float[Array, ""]
 
 
 class _ParticleEnergy(eqx.Module):
@@ -121,20 +131,17 @@ def _search(
     group: GroupProblem,
     step: int,
     capacity: int,
-    box: _Box,
-    distal: Bool[Array, "group_dof"],
-    wide: float,
-    prior: Float[Array, ""],
+    region: _Region,
     key: PRNGKeyArray,
 ) -> GroupResult:
     dofs, skeleton = group.part.dofs, group.character.skeleton
     group = replace(group, frame=group.frame.coarser(step))
-    own = _Box(*(values.at[dofs].get(mode="fill", fill_value=0.0) for values in box))  # no spread: it stays
-    scored = _ParticleEnergy(energy, group, base, own.spread, prior, capacity)
-    pool, count = None, int(wide * sampler.num_particles)
+    own = _Box(*(values.at[dofs].get(mode="fill", fill_value=0.0) for values in region.box))  # no spread: it stays
+    scored = _ParticleEnergy(energy, group, base, own.spread, region.prior, capacity)
+    pool, count = None, int(region.wide * sampler.num_particles)
     if count > 0:
         key, pool_key = jax.random.split(key)
-        pool = Pool(wide_population(pool_key, POOL * count, *own, distal), count)
+        pool = Pool(wide_population(pool_key, POOL * count, *own, region.distal), count)
     best, info = run(sampler, scored, jnp.zeros(dofs.shape[0]), *own, key, pool=pool)
     increment = jnp.zeros(skeleton.num_dofs).at[dofs].set(best, mode="drop")
 
@@ -193,13 +200,12 @@ class GroupSearch:
         problem = problem if self.surface is None else replace(problem, surface=self.surface)
         group = GroupProblem(self.character, self.part, pose, problem)
         unseen = replace(group, part=self.part.unseen())
-        box, prior, sizes = self._box(pose, spread, reach), jnp.float32(reach.prior), self.sizes
+        region = _Region(self._box(pose, spread, reach), self.distal, reach.wide, jnp.float32(reach.prior))
+        sizes = self.sizes
         while True:
             base = _prepare(self.energy, unseen, self.step, sizes.base_capacity)
-            result = _search(
-                self.energy, base, sampler, group, self.step, sizes.capacity, box, self.distal, reach.wide, prior, key
-            )
-            result = jax.device_get(result)
+            found = _search(self.energy, base, sampler, group, self.step, sizes.capacity, region, key)
+            result = jax.device_get(found)
             needed, needed_base = int(result.needed), int(result.needed_base)
             if 1.1 * needed <= sizes.capacity and needed_base <= sizes.base_capacity:
                 return jax.device_put(result)
@@ -231,7 +237,7 @@ def group_searches(
     for name, dofs in groups:
         part = parts[name]
         first = Sizes(*(power_of_two(1.3 * count) for count in (character.faces.shape[0], part.faces.shape[1])))
-        sizes = shared.setdefault(is_limb(skeleton, name), first)
+        sizes = shared.setdefault(name in skeleton.limbs, first)
         distal = jax.device_put(np.isin(np.asarray(part.dofs), skeleton.distal))
         searches.append(GroupSearch(name, dofs, energy, step, drawn, part, surface, sizes, distal))
     return searches

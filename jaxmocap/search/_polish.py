@@ -16,7 +16,7 @@ import optimistix
 from jaxtyping import Array, Float, Int
 
 from jaxmocap.character import Character, Pose, Skeleton, clamp, retract
-from jaxmocap.energies import SearchEnergy, soft_score
+from jaxmocap.energies import SearchEnergy, SoftScore, soft_score
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import SoftSettings
 
@@ -45,12 +45,22 @@ def _overflows(settings: SoftSettings, needed: Int[Array, "3"]) -> bool:
 
 
 @eqx.filter_jit
-def _measure(energy, character, pose, problem, settings):
+def _measure(
+    energy: SearchEnergy, character: Character, pose: Pose, problem: FrameProblem, settings: SoftSettings
+) -> SoftScore:
     return soft_score(energy, character, pose, problem, settings)
 
 
 @eqx.filter_jit
-def _descend(energy, character, pose, problem, settings, steps, tolerance):
+def _descend(
+    energy: SearchEnergy,
+    character: Character,
+    pose: Pose,
+    problem: FrameProblem,
+    settings: SoftSettings,
+    steps: int,
+    tolerance: float,
+) -> tuple[Pose, tuple[Float[Array, ""], Int[Array, "3"]]]:
     def value(moved: Pose) -> tuple[Float[Array, ""], Array]:
         score = soft_score(energy, character, moved, problem, settings)
         return score.total, score.needed

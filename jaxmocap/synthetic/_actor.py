@@ -1,4 +1,5 @@
-"""The synthetic actor: one closed skin over the procedural body, bound to the skeleton of a person, and its markers."""
+"""The synthetic actor: one closed skin over the procedural body, bound to the skeleton of a person, its markers, and
+somebody who walks past."""
 
 from functools import lru_cache
 
@@ -13,8 +14,12 @@ from jaxmocap.character import Character, Pose, Skeleton, build_skeleton, landma
 from jaxmocap.geometry import surface_nets
 
 from ._body import CENTRE_JOINTS, SIDE_JOINTS, TEMPLATE_HEIGHT, sheared, side_joint, skin_distance
+from ._clothes import Outfit, Subject
+from ._motion import perform
 
 MAX_BONES = 4
+_BEHIND = (0.8, 2.0)
+_PACE = (0.7, 1.4)
 _HINTS = ("knuckles", "fingertips", "thumb")
 # Body -> segments (joint names; l_/r_ is put before the side ones) and the radius of the flesh around them.
 _CENTRE_FLESH: dict[str, tuple[list[tuple[str, str]], float]] = {
@@ -175,3 +180,26 @@ def posed(
 @eqx.filter_jit
 def _skinned(character: Character, pose: Pose) -> tuple[Float[jax.Array, "vertex 3"], Float[jax.Array, "landmark 3"]]:
     return skin(character, pose), landmark_positions(character.skeleton, pose)
+
+
+def passing(
+    seed: int, times: Float[np.ndarray, "frame"], path: Float[np.ndarray, "frame 3"]
+) -> tuple[Subject, Float[np.ndarray, "frame vertex 3"]]:
+    """Make somebody who walks past behind where the actor is halfway, and their vertices at all times (seconds).
+
+    `path` are the actor's places on the ground. They step and swing their arms as the dancer does, in clothes of other
+    colours.
+    """
+    rng = np.random.default_rng([seed, 8])
+    height, ahead = rng.uniform(1.55, 1.9), rng.choice([-1.0, 1.0])
+    person = make_actor(height)
+    vertices, _ = posed(person, perform("dance", person.skeleton, times + rng.uniform(5, 15), 0.6))
+    middle = path[len(path) // 2] - np.array([0.0, 0.0, rng.uniform(*_BEHIND)])
+    along = rng.uniform(-0.5, 0.5) + rng.uniform(*_PACE) * (times - times.mean())
+    way = middle + ahead * along[:, None] * np.array([1.0, 0.0, 0.0])
+    facing = np.array([[0.0, 0.0, ahead], [0.0, 1.0, 0.0], [-ahead, 0.0, 0.0]])  # they walk to where they look
+    rest = np.asarray(person.vertices, np.float32) * np.float32(TEMPLATE_HEIGHT / height)
+    style = ("patterned", "uniform", "plain sleeves")[rng.integers(3)]
+    outfit = Outfit.make(seed + 1000, style, ((2, 0, 1), (1, 2, 0), (1, 0, 2))[rng.integers(3)])
+    turned = vertices @ facing.T + way[:, None]
+    return Subject(rest, np.asarray(person.faces), outfit), turned

@@ -15,26 +15,33 @@ def intrinsics_of(size: tuple[int, int], focal_per_width: float = FOCAL_PER_WIDT
     return np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
 
 
+def filming_distance(
+    size: tuple[int, int],
+    actor_height: float = 1.75,
+    focal_per_width: float = FOCAL_PER_WIDTH,
+    body_fraction: float = BODY_FRACTION,
+) -> float:
+    """Compute from how far (metres) an actor fills a fraction of the height of an image of (width, height)."""
+    return focal_per_width * size[0] * actor_height / (body_fraction * size[1])
+
+
 def handheld_paths(
     times: Float[np.ndarray, "frame"],
     targets: Float[np.ndarray, "frame 3"],
-    size: tuple[int, int],
+    distance: float,
     num_cameras: int = 2,
     seed: int = 0,
     shake: float = 1.0,
     actor_height: float = 1.75,
     view_angle: float = VIEW_ANGLE,
-    focal_per_width: float = FOCAL_PER_WIDTH,
-    body_fraction: float = BODY_FRACTION,
 ) -> Float[np.ndarray, "camera frame 4 4"]:
-    """Make cam_from_world of cameras `view_angle` radians apart that keep the actor at a fraction of the image height.
+    """Make cam_from_world of cameras `view_angle` radians apart on an arc around the actor (`filming_distance`).
 
     `targets` are the actor's places on the ground, which the aim follows. `shake` scales the hands: a drift of
     decimetres, trembling of a few centimetres and about 1 degree; 0 gives tripods that only turn. A path is a function
     of time, so any times may be asked for.
     """
     times = np.asarray(times, float)
-    distance = focal_per_width * size[0] * actor_height / (body_fraction * size[1])
     poses = []
     for camera in range(num_cameras):
         rng = np.random.default_rng([seed, 3, camera])

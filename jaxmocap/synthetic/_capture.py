@@ -1,6 +1,6 @@
 """A complete synthetic capture in memory: images, cameras, actor, and everything that is true about them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
@@ -14,13 +14,12 @@ from jaxmocap.capture import KEYPOINT_NAMES
 from jaxmocap.character import Character, Pose
 from jaxmocap.motion import Motion
 
-from ._actor import bind_markers, make_actor, marker_positions, posed
+from ._actor import bind_markers, make_actor, marker_positions, passing, posed
 from ._body import TEMPLATE_HEIGHT
-from ._bystander import passing
-from ._cameras import BODY_FRACTION, FOCAL_PER_WIDTH, VIEW_ANGLE, handheld_paths, intrinsics_of
-from ._clothes import Outfit, Style
+from ._cameras import BODY_FRACTION, FOCAL_PER_WIDTH, VIEW_ANGLE, filming_distance, handheld_paths, intrinsics_of
+from ._clothes import Outfit, Style, Subject
 from ._motion import Routine, ground_path, perform, recorded
-from ._render import Rendered, Subject, develop, render_view
+from ._render import Rendered, film, render_view
 from ._scene import Scenery, make_scene
 
 NUM_MARKERS = 44
@@ -139,8 +138,8 @@ def make_capture(
         poses, path = recorded(motion, times)
     vertices, joints = posed(character, poses)
     angle = np.radians(view_angle_degrees)
-    lens = (focal_per_width, body_fraction)
-    paths = handheld_paths(times, path, size, num_cameras, seed, camera_shake, height, angle, *lens)
+    distance = filming_distance(size, height, focal_per_width, body_fraction)
+    paths = handheld_paths(times, path, distance, num_cameras, seed, camera_shake, height, angle)
 
     every = 1 + sub_frames
     intrinsics, scene = intrinsics_of(size, focal_per_width), make_scene(seed, scenery)
@@ -153,7 +152,7 @@ def make_capture(
         view = (intrinsics, paths[camera, instant], size, supersampling)
         return render_view(scene, subject, vertices[instant], *view, others)
 
-    images, masks = _film(draw, num_frames, num_cameras, sub_frames, seed, sensor_noise, illumination_change)
+    images, masks = film(draw, num_frames, num_cameras, sub_frames, seed, sensor_noise, illumination_change)
     marker_faces, barycentrics = bind_markers(np.asarray(character.vertices, float), faces, NUM_MARKERS, seed)
     cameras = Cameras(
         names=tuple(f"cam{camera}" for camera in range(num_cameras)),
@@ -211,35 +210,6 @@ def _check_motion(motion: Motion, character: Character, duration: float) -> None
     lasts = motion.timestamps[-1] - motion.timestamps[0]
     if lasts < duration - 1e-6:
         raise InputError(f"the motion lasts {lasts:.3g} s; {duration:.3g} s are to be filmed: ask for fewer frames.")
-
-
-def _film(
-    draw: Callable[[int, int], Rendered],
-    num_frames: int,
-    num_cameras: int,
-    sub_frames: int,
-    seed: int,
-    sensor_noise: float,
-    illumination_change: float,
-) -> tuple[UInt8[np.ndarray, "frame camera height width 3"], Bool[np.ndarray, "frame camera height width"]]:
-    """Film images and masks with `draw(camera, instant)`.
-
-    A frame's instants are its own time and then, if there are several sub-frames, those the image is the mean of.
-    """
-    images, masks = [], []
-    for frame in range(num_frames):
-        gain = 1 + illumination_change * np.sin(2 * np.pi * frame / max(num_frames, 2))
-        for camera in range(num_cameras):
-            first = frame * (1 + sub_frames)
-            drawn = draw(camera, first)
-            masks.append(drawn.mask)
-            light = drawn.light
-            if sub_frames > 1:
-                light = np.mean([draw(camera, first + 1 + k).light for k in range(sub_frames)], axis=0)
-            rng = np.random.default_rng([seed, 4, camera, frame])
-            images.append(develop(light, rng, gain, sensor_noise))
-    shape = (num_frames, num_cameras, *masks[0].shape)
-    return np.stack(images).reshape(*shape, 3), np.stack(masks).reshape(shape)
 
 
 def _keypoints(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ._body import SIDE_JOINTS, sheared
 from ._textures import noise_volume, sample_noise
@@ -120,3 +120,18 @@ class Outfit:
 def _step(value: np.ndarray, width: float) -> np.ndarray:
     """Rise from 0 below -width to 1 above +width, straight between."""
     return np.clip(np.float32(0.5) + value / np.float32(2 * width), 0, 1)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is drawn of a person.
+
+    Attributes:
+        rest: vertices at rest in template size, for the colours.
+        faces: triangles.
+        outfit: clothes.
+    """
+
+    rest: Float[np.ndarray, "vertex 3"]
+    faces: Int[np.ndarray, "face 3"]
+    outfit: Outfit

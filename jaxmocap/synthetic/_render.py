@@ -1,6 +1,6 @@
 """The synthetic capture's own renderer: supersampled z-buffer, colours from the point of the skin, sun and sky."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -9,26 +9,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from jaxmocap.geometry import vertex_normals
 
-from ._clothes import Outfit
+from ._clothes import Subject
+from ._draw_scene import GroundShadow, render_scene
 from ._raster import visible_fragments
-from ._scene import AMBIENT, DIRECT, SUN, GroundShadow, Scene, render_scene
+from ._scene import AMBIENT, DIRECT, SUN, Scene
 
 _SHADOW_TEXEL = 0.02
-
-
-@dataclass(frozen=True)
-class Subject:
-    """What is drawn of a person.
-
-    Attributes:
-        rest: vertices at rest in template size, for the colours.
-        faces: triangles.
-        outfit: clothes.
-    """
-
-    rest: Float[np.ndarray, "vertex 3"]
-    faces: Int[np.ndarray, "face 3"]
-    outfit: Outfit
 
 
 @dataclass(frozen=True)
@@ -122,6 +108,35 @@ def develop(
     grain = rng.standard_normal(values.shape, dtype=np.float32)
     values = values + np.float32(noise) * grain * (np.float32(1.4) - values)
     return np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
+
+
+def film(
+    draw: Callable[[int, int], Rendered],
+    num_frames: int,
+    num_cameras: int,
+    sub_frames: int,
+    seed: int,
+    sensor_noise: float,
+    illumination_change: float,
+) -> tuple[UInt8[np.ndarray, "frame camera height width 3"], Bool[np.ndarray, "frame camera height width"]]:
+    """Film images and masks with `draw(camera, instant)`.
+
+    A frame's instants are its own time and then, if there are several sub-frames, those the image is the mean of.
+    """
+    images, masks = [], []
+    for frame in range(num_frames):
+        gain = 1 + illumination_change * np.sin(2 * np.pi * frame / max(num_frames, 2))
+        for camera in range(num_cameras):
+            first = frame * (1 + sub_frames)
+            drawn = draw(camera, first)
+            masks.append(drawn.mask)
+            light = drawn.light
+            if sub_frames > 1:
+                light = np.mean([draw(camera, first + 1 + k).light for k in range(sub_frames)], axis=0)
+            rng = np.random.default_rng([seed, 4, camera, frame])
+            images.append(develop(light, rng, gain, sensor_noise))
+    shape = (num_frames, num_cameras, *masks[0].shape)
+    return np.stack(images).reshape(*shape, 3), np.stack(masks).reshape(shape)
 
 
 def illumination(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point"]:

@@ -12,10 +12,14 @@ from jaxmocap.appearance import (
     PlateSettings,
     background_distance,
     fit_background,
+    fit_palette,
     grid_vertices,
+    label_image,
     plate_beside,
     plate_distance,
+    psi_table,
     renewed_plate,
+    warp_grid,
     warped_plate,
 )
 
@@ -67,10 +71,11 @@ def test_camouflage_is_seen_where_colour_models_are_blind(bricks):
     patch = box(48, 72, 48)
     seen = np.where(patch[..., None], np.roll(bricks, (60, 36), axis=(0, 1)), bricks)
     grid = GridSettings(rows=4, columns=4)
-    vertices = grid_vertices(HEIGHT, WIDTH, 4, 4)
-    blind = background_distance(
-        fit_background(bricks, None, key=jax.random.key(0), grid=grid), vertices, seen, grid=grid
-    )
+    model = fit_background(bricks, None, key=jax.random.key(0), grid=grid)
+    still = warp_grid(np.zeros((0, 2)), np.zeros((0, 2)), (HEIGHT, WIDTH), grid=grid)
+    palette = fit_palette(bricks)
+    table = np.asarray(psi_table(model.colours, palette))
+    blind = background_distance(table, still, label_image(palette, seen), grid=grid)
     sharp = plate_distance(everywhere(bricks), seen)
     assert blind[patch].mean() < 0.05
     assert sharp[patch].mean() > 0.3 > 0.01 > sharp[~patch].mean()

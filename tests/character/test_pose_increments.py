@@ -13,7 +13,6 @@ from jaxmocap.character import (
     pose_vector,
     rest_pose,
     retract,
-    retract_root_twist,
 )
 
 
@@ -43,14 +42,6 @@ def test_root_rotation_leaves_the_pelvis_where_it_is(box_figure):
     pose = pose_from_vector(skeleton, jnp.zeros(39).at[:3].set(jnp.array([30.0, -2.0, 11.0])))
     turned = retract(skeleton, pose, jnp.zeros(39).at[3:6].set(jnp.array([0.3, 1.0, -0.5])))
     np.testing.assert_allclose(pelvis_position(skeleton, turned), pelvis_position(skeleton, pose), atol=1e-5)
-
-
-def test_root_twist_turns_about_the_world_origin(box_figure):
-    skeleton = box_figure.skeleton
-    pose = pose_from_vector(skeleton, jnp.zeros(39).at[0].set(2.0))
-    turned = retract_root_twist(pose, jnp.zeros(39).at[4].set(jnp.pi / 2))
-    start, end = pelvis_position(skeleton, pose), pelvis_position(skeleton, turned)
-    np.testing.assert_allclose(end, [start[2], start[1], -start[0]], atol=1e-6)
 
 
 def test_clamp_brings_angles_to_the_limits_and_leaves_the_root(box_figure):

@@ -10,7 +10,7 @@ from humanoid_glb import MIXAMO, Humanoid, write_glb
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion
-from jaxmocap.synthetic import dance, handheld_paths
+from jaxmocap.synthetic import dance, filming_distance, handheld_paths
 
 TIMES = np.array([0.0, 0.033, 0.067, 0.1, 0.15, 0.167])
 """Seconds, as uneven as a phone's."""
@@ -18,7 +18,7 @@ TIMES = np.array([0.0, 0.033, 0.067, 0.1, 0.15, 0.167])
 
 def cameras_over(times: np.ndarray) -> Cameras:
     """Two handheld cameras whose principal points are off the middle and whose pixels are not square."""
-    poses = handheld_paths(times, np.zeros((len(times), 3)), (640, 360))
+    poses = handheld_paths(times, np.zeros((len(times), 3)), filming_distance((640, 360)))
     intrinsics = jnp.array([[[700.0, 0, 330], [0, 690, 175]], [[500.0, 0, 320], [0, 500, 180]]])
     intrinsics = jnp.concatenate([intrinsics, jnp.broadcast_to(jnp.array([[[0.0, 0, 1]]]), (2, 1, 3))], axis=1)
     return Cameras(

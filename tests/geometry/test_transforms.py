@@ -7,16 +7,11 @@ import pytest
 from scipy.linalg import expm
 
 from jaxmocap.geometry import (
-    ad,
-    adjoint,
     hat,
     inverse,
     matmul,
     rigid,
     se3_exp,
-    se3_inverse,
-    se3_left_jacobian,
-    se3_log,
     so3_exp,
     so3_left_jacobian,
     so3_log,
@@ -60,9 +55,8 @@ def test_exponentials_equal_the_matrix_exponential(angle):
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_logarithms_undo_exponentials(angle):
-    twist = jnp.asarray(twist_of(angle))
-    np.testing.assert_allclose(so3_log(so3_exp(twist[3:])), twist[3:], atol=1e-12)
-    np.testing.assert_allclose(se3_log(se3_exp(twist)), twist, atol=1e-11)
+    vector = jnp.asarray(twist_of(angle)[3:])
+    np.testing.assert_allclose(so3_log(so3_exp(vector)), vector, atol=1e-12)
 
 
 @pytest.mark.parametrize("axis", np.eye(3).tolist() + [[0.6, -0.8, 0.0], [-0.48, 0.6, 0.64]])
@@ -80,20 +74,20 @@ def test_single_precision_round_trip_near_pi():
 
 
 @jax.jit
-def derivatives_of_a_round_trip(twist):
-    return [jacobian(lambda x: se3_log(se3_exp(x)))(twist) for jacobian in (jax.jacfwd, jax.jacrev)]
+def derivatives_of_a_round_trip(vector):
+    return [jacobian(lambda x: so3_log(so3_exp(x)))(vector) for jacobian in (jax.jacfwd, jax.jacrev)]
 
 
 @pytest.mark.parametrize("angle", ANGLES[:-1])
 def test_round_trip_has_the_identity_as_its_derivative(angle):
-    for derivative in derivatives_of_a_round_trip(jnp.asarray(twist_of(angle))):
-        np.testing.assert_allclose(derivative, np.eye(6), atol=1e-7)
+    for derivative in derivatives_of_a_round_trip(jnp.asarray(twist_of(angle)[3:])):
+        np.testing.assert_allclose(derivative, np.eye(3), atol=1e-7)
 
 
 @jax.jit
 @jax.hessian
 def curvature(twist):
-    return jnp.sum(jnp.sin(se3_exp(twist)) + se3_left_jacobian(twist)[0, 0])
+    return jnp.sum(jnp.sin(se3_exp(twist)) + so3_left_jacobian(twist[3:])[0, 0])
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.5, 2.5])
@@ -101,44 +95,28 @@ def test_second_derivatives_are_finite(angle):
     assert np.all(np.isfinite(curvature(jnp.asarray(twist_of(angle)))))
 
 
-def test_adjoint_carries_twists():
-    pose = expm(matrix_of(twist_of(1.2, 1)))
-    twist = twist_of(0.7, 2)
-    carried = np.asarray(adjoint(jnp.asarray(pose))) @ twist
-    expected = pose @ expm(matrix_of(twist)) @ np.linalg.inv(pose)
-    np.testing.assert_allclose(expm(matrix_of(carried)), expected, atol=1e-12)
-
-
-def test_ad_is_the_derivative_of_the_adjoint():
-    twist = jnp.asarray(twist_of(0.9))
-    derivative = jax.jvp(lambda t: adjoint(se3_exp(t * twist)), (0.0,), (1.0,))[1]
-    np.testing.assert_allclose(ad(twist), derivative, atol=1e-12)
-
-
 @pytest.mark.parametrize("angle", [0.0, 0.3, 0.999, 1.001, 3.0, 5.0])
 def test_left_jacobian_equals_its_series(angle):
-    twist = jnp.asarray(twist_of(angle))
-    matrix, power, total, factorial = np.asarray(ad(twist)), np.eye(6), np.zeros((6, 6)), 1.0
+    vector = jnp.asarray(twist_of(angle)[3:])
+    matrix, power, total, factorial = np.asarray(hat(vector)), np.eye(3), np.zeros((3, 3)), 1.0
     for k in range(60):
         factorial *= k + 1
         total += power / factorial
         power = power @ matrix
-    np.testing.assert_allclose(se3_left_jacobian(twist), total, atol=1e-11)
-    np.testing.assert_allclose(so3_left_jacobian(twist[3:]), total[3:, 3:], atol=1e-12)
+    np.testing.assert_allclose(so3_left_jacobian(vector), total, atol=1e-12)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 2.0])
 def test_left_jacobian_is_the_derivative_of_the_exponential(angle):
-    twist = jnp.asarray(twist_of(angle))
-    inverse = se3_inverse(se3_exp(twist))
-    derivative = jax.jacfwd(lambda x: se3_log(matmul(se3_exp(x), inverse)))(twist)
-    np.testing.assert_allclose(se3_left_jacobian(twist), derivative, atol=1e-10)
+    vector = jnp.asarray(twist_of(angle)[3:])
+    back = so3_exp(-vector)
+    derivative = jax.jacfwd(lambda x: so3_log(matmul(so3_exp(x), back)))(vector)
+    np.testing.assert_allclose(so3_left_jacobian(vector), derivative, atol=1e-10)
 
 
-def test_inverse_undoes_a_transform_and_batches_agree():
+def test_batches_of_transforms_agree():
     twists = jnp.stack([jnp.asarray(twist_of(angle, n)) for n, angle in enumerate((0.1, 1.0, 2.0))])
     poses = se3_exp(twists)
-    np.testing.assert_allclose(matmul(se3_inverse(poses), poses), np.tile(np.eye(4), (3, 1, 1)), atol=1e-14)
     points = jnp.asarray(np.random.default_rng(0).normal(size=(3, 7, 3)))
     expected = np.einsum("bij,bnj->bni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     np.testing.assert_allclose(transform(poses, points), expected, atol=1e-14)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from jaxmocap.character import landmark_positions, skin
-from jaxmocap.synthetic import dance, handheld_paths, intrinsics_of, make_actor, stand
+from jaxmocap.synthetic import dance, filming_distance, handheld_paths, intrinsics_of, make_actor, stand
 from jaxmocap.synthetic._motion import ground_path
 
 TIMES = np.arange(240) / 30
@@ -61,7 +61,7 @@ def test_no_scale_is_no_motion(actor):
 def test_cameras_are_twenty_five_to_thirty_degrees_apart():
     targets = ground_path(TIMES)
     for count in (2, 3):
-        paths = handheld_paths(TIMES, targets, (480, 270), count)
+        paths = handheld_paths(TIMES, targets, filming_distance((480, 270)), count)
         centres = -np.einsum("ctji,ctj->cti", paths[..., :3, :3], paths[..., :3, 3])
         rays = targets + [0, 1.0, 0] - centres
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -74,7 +74,7 @@ def test_the_actor_fills_three_quarters_of_the_height():
     size = (480, 270)
     intrinsics = intrinsics_of(size)
     assert intrinsics[0, 0] == pytest.approx(0.95 * 480)
-    for path in handheld_paths(np.zeros(1), np.zeros((1, 3)), size, 3, shake=0.0):
+    for path in handheld_paths(np.zeros(1), np.zeros((1, 3)), filming_distance(size), 3, shake=0.0):
         head_and_feet = np.array([[0, 1.75, 0], [0, 0, 0]]) @ path[0, :3, :3].T + path[0, :3, 3]
         pixels = head_and_feet @ intrinsics.T
         rows = pixels[:, 1] / pixels[:, 2]
@@ -85,7 +85,8 @@ def test_the_actor_fills_three_quarters_of_the_height():
 
 def test_hands_shake_by_centimetres_and_about_a_degree():
     targets = np.zeros((240, 3))
-    still, held = (handheld_paths(TIMES, targets, (480, 270), 2, seed=2, shake=shake) for shake in (0.0, 1.0))
+    distance = filming_distance((480, 270))
+    still, held = (handheld_paths(TIMES, targets, distance, 2, seed=2, shake=shake) for shake in (0.0, 1.0))
     assert np.abs(np.diff(still, axis=1)).max() < 1e-12
     relative = held[..., :3, :3] @ np.swapaxes(still[..., :3, :3], -1, -2)
     angle = np.degrees(np.arccos(np.clip((np.trace(relative, axis1=-2, axis2=-1) - 1) / 2, -1, 1)))

@@ -6,8 +6,9 @@ import pytest
 
 from jaxmocap.geometry import surface_nets
 from jaxmocap.synthetic import Outfit, Scene, Subject, make_scene, render_view
+from jaxmocap.synthetic._draw_scene import render_scene
 from jaxmocap.synthetic._raster import visible_fragments
-from jaxmocap.synthetic._scene import AMBIENT, DIRECT, SUN, _panel, render_scene
+from jaxmocap.synthetic._scene import AMBIENT, DIRECT, SUN, _panel
 
 SIZE = (120, 90)
 INTRINSICS = np.array([[110.0, 0, 61.0], [0, 112.0, 44.0], [0, 0, 1]])
