@@ -2,7 +2,11 @@
 person in pictures and follow one through a video."""
 
 from ._cards import CARDS as CARDS, ModelCard as ModelCard, ModelName as ModelName
-from ._files import VideoKeypoints as VideoKeypoints, write_body_25 as write_body_25
+from ._files import (
+    VideoKeypoints as VideoKeypoints,
+    farthest_outside as farthest_outside,
+    write_body_25 as write_body_25,
+)
 from ._follow import FollowedPerson as FollowedPerson, believed as believed, follow_person as follow_person
 from ._layouts import (
     BODY_25 as BODY_25,
