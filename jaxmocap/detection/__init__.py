@@ -21,4 +21,5 @@ from ._person_model import PersonModel as PersonModel, Sighting as Sighting
 from ._read import best_person as best_person, read_people as read_people, read_video as read_video
 from ._region import Region as Region
 from ._runner import require_runner as require_runner
+from ._unfinished import SeenSoFar as SeenSoFar, read_seen as read_seen, write_seen as write_seen
 from ._weights import Weights as Weights, get_weights as get_weights
