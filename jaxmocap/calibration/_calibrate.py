@@ -20,6 +20,7 @@ from jaxmocap.capture import Capture, shared_frames
 from ._child import Solved, run_worker
 from ._footage import Report, as_recorded, footage_of, keypoints_of
 from ._person_clock import PersonClock, person_clock
+from ._placeable import advise_part, longest_run
 from ._report import draw_paths, make_record, png_bytes, pose_table
 from ._route import choose_route
 from ._scale import find_scale, known_bone_lengths, refuse_without_scale, subject_views, triangulate_views
@@ -110,7 +111,7 @@ def calibrate(
             f"{recorded.num_frames - 1}"
         )
     file = None if intrinsics is None else Path(intrinsics)
-    footage = footage_of(recorded, focal, key_step, cores(), seed)
+    footage = footage_of(recorded, focal, (first, end), key_step, cores(), seed)
     lengths, source = known_bone_lengths(recorded, height)
     route = choose_route(recorded, footage, static, file, progress)
     keypoints = keypoints_of(recorded)
@@ -214,18 +215,17 @@ def refuse_gaps(capture: Capture, interpolated: set[tuple[int, int]], frames: tu
     Short spans are filled in; long ones are a cut, or nothing to go by. `interpolated` are (camera, frame of its own
     video); shared `frames` (first, end) count.
     """
-    for camera, name in enumerate(capture.camera_names):
-        own = capture.video_frames[camera][slice(*frames)]
-        filled = np.array([(camera, int(frame)) in interpolated for frame in own])
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], filled.astype(int), [0]])))
-        runs = [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
-        if not runs:
+    wanted = capture.video_frames[:, slice(*frames)]
+    places = [[(camera, int(frame)) in interpolated for frame in own] for camera, own in enumerate(wanted)]
+    filled_of = np.array(places, bool)
+    for name, own, filled in zip(capture.camera_names, wanted, filled_of, strict=True):
+        start, stop = longest_run(filled)
+        if stop == 0 or (stop - start < _LONGEST * capture.fps and filled.mean() <= _LARGEST_SHARE):
             continue
-        start, stop = max(runs, key=lambda run: run[1] - run[0])
-        if stop - start < _LONGEST * capture.fps and filled.mean() <= _LARGEST_SHARE:
-            continue
+        part = advise_part(np.asarray(~filled_of.any(axis=0)), frames[0])
         raise InputError(
-            f"camera '{name}' cannot be placed in {int(filled.sum())} of {len(own)} shared frames, at most at frames "
-            f"{own[start]} to {own[stop - 1]} on end: they show another place (a cut?), or too little background; say "
-            "with --frames A:B which shared frames are wanted, cut that part off both videos, or film it again."
+            f"camera '{name}' cannot be placed in {int(filled.sum())} of {len(own)} shared frames, at most at its "
+            f"frames {own[start]} to {own[stop - 1]} on end: they show another place (a cut, a phone laid down?), or "
+            f"too little background; {part or 'say with --frames A:B which frames are wanted'}, cut that part off "
+            "all videos, or film it again."
         )

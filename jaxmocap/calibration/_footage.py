@@ -49,6 +49,7 @@ class VideoFootage:
         boxes: around the person, by frame, where keypoints tell.
         masks: files with masks of the person, by frame, where there are any.
         recorded_size: of the pictures as they were recorded, where they are made smaller.
+        wanted: those of its frames, in the order of the shared ones, at which it has to be placed; empty: all.
     """
 
     name: str
@@ -63,6 +64,7 @@ class VideoFootage:
     boxes: dict[int, Box]
     masks: dict[int, str]
     recorded_size: tuple[int, int] | None = None
+    wanted: tuple[int, ...] = ()
 
     def reduced(self) -> "VideoFootage":
         """Make the pictures that are looked at no larger than `LONGEST_SIDE`."""
@@ -98,6 +100,7 @@ class Footage:
         num_features: looked for in a frame, at most; 4000 by default.
         threads: of the mapper and the bundle adjustment; 2 by default.
         seed: of all random numbers; 0 by default.
+        first_wanted: the first shared frame at which cameras have to be placed; 0 by default.
     """
 
     videos: tuple[VideoFootage, ...]
@@ -105,6 +108,7 @@ class Footage:
     num_features: int = 4000
     threads: int = 2
     seed: int = 0
+    first_wanted: int = 0
 
     @property
     def focal_known(self) -> bool:
@@ -125,6 +129,11 @@ class Footage:
         step = max(1, min(self.key_step, len(frames) // 6))
         return sorted({*frames[::step], frames[-1]})
 
+    def wanted_key_frames(self, camera: int) -> list[int]:
+        """Choose those among the key frames at which the camera has to be placed; all where none is."""
+        keys, wanted = self.key_frames(camera), self.videos[camera].wanted
+        return [frame for frame in keys if wanted and wanted[0] <= frame <= wanted[-1]] or keys
+
     def instant(self, camera: int, frame: int) -> float:
         """Tell when a frame was taken, seconds on the clock that all videos share."""
         video = self.videos[camera]
@@ -142,7 +151,7 @@ class Footage:
         for video in raw.pop("videos"):
             boxes = {int(frame): tuple(box) for frame, box in video.pop("boxes").items()}
             masks = {int(frame): file for frame, file in video.pop("masks").items()}
-            lists = {name: tuple(video[name]) for name in ("size", "seconds")}
+            lists = {name: tuple(video[name]) for name in ("size", "seconds", "wanted")}
             videos.append(VideoFootage(**(video | lists), boxes=boxes, masks=masks))
         return Footage(**(raw | {"videos": tuple(videos)}))
 
@@ -152,10 +161,18 @@ def as_recorded(capture: Capture) -> Capture:
     return replace(capture.as_recorded(), cameras_path=None)
 
 
-def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: int, threads: int, seed: int) -> Footage:
+def footage_of(
+    capture: Capture,
+    focal: Mapping[str, float] | None,
+    wanted: tuple[int, int],
+    key_step: int,
+    threads: int,
+    seed: int,
+) -> Footage:
     """Gather what the child process needs of a capture as it was recorded.
 
-    `focal` gives focal lengths by camera, in pixels, that are then kept. Raises `InputError` for fewer than two cameras
+    `focal` gives focal lengths by camera, in pixels, that are then kept; `wanted` (first, end) are the shared frames at
+    which all cameras have to be placed. Raises `InputError` for fewer than two cameras
     or frames, and for focal lengths of cameras that do not exist.
     """
     focal = dict(focal or {})
@@ -195,9 +212,10 @@ def footage_of(capture: Capture, focal: Mapping[str, float] | None, key_step: in
                 focal_told=told is not None,
                 boxes=_boxes(capture, name, range(first, last + 1)),
                 masks=_masks(capture, name, range(first, last + 1)),
+                wanted=tuple(own[slice(*wanted)].tolist()),
             )
         )
-    return Footage(tuple(videos), key_step=key_step, threads=threads, seed=seed)
+    return Footage(tuple(videos), key_step=key_step, threads=threads, seed=seed, first_wanted=wanted[0])
 
 
 def _boxes(capture: Capture, camera: str, frames: range) -> dict[int, Box]:

@@ -11,12 +11,13 @@ import pycolmap
 from jaxmocap._results import InputError
 
 from ._footage import Footage, Report
-from ._matching import best_pairs_across
+from ._matching import ENOUGH, best_pairs_across
+from ._placeable import advise_keys, longest_run
+from ._registration import Model
 
 _PAIRS = 3  # to begin with
 _FOCAL_FACTORS = (1.0, 1.4, 0.7)  # of the guess
 _SAME_FOCAL = 0.03
-_ENOUGH = 0.6  # of the key frames of every camera
 _NEARLY_ALL = 0.9
 FOCAL_RANGE = (0.3, 6.0)  # times the longer side of the image
 _LOSS_SCALE = 1.0  # pixels at a width of 960
@@ -43,7 +44,7 @@ def map_key_frames(footage: Footage, database: Path, work: Path, report: Report)
     for trial, (start, factor) in enumerate(_starts(footage, best_pairs_across(database, _PAIRS))):
         _guess_focal(footage, database, factor)
         model = _map(footage, database, work / f"trial{trial}", start, total, report)
-        if model is None or _worth(footage, model) < _ENOUGH:
+        if model is None or _worth(footage, model) < ENOUGH:
             if model is not None and (partial is None or model.num_reg_images() > partial.num_reg_images()):
                 partial = model
             continue
@@ -53,7 +54,7 @@ def map_key_frames(footage: Footage, database: Path, work: Path, report: Report)
         found.append(model)
         if footage.focal_known or _agree(footage, found):
             break
-    usable = [model for model in found if _worth(footage, model) >= _ENOUGH]
+    usable = [model for model in found if _worth(footage, model) >= ENOUGH]
     if not usable:
         raise InputError(_no_model(footage, partial if not found else found[0]))
     best = max(usable, key=lambda model: (_worth(footage, model) >= _NEARLY_ALL, model.compute_num_observations()))
@@ -94,7 +95,7 @@ def _same_focal(one: pycolmap.Reconstruction, other: pycolmap.Reconstruction) ->
 
 
 def _worth(footage: Footage, model: pycolmap.Reconstruction) -> float:
-    """Rate a model: the least share of key frames registered in a camera; 0 for an impossible focal length."""
+    """Rate a model: the least share of wanted key frames placed in a camera; 0 for an impossible focal length."""
     shares = []
     for camera, video in enumerate(footage.videos):
         if camera + 1 not in model.cameras:
@@ -102,9 +103,15 @@ def _worth(footage: Footage, model: pycolmap.Reconstruction) -> float:
         focal = model.cameras[camera + 1].params[0] / max(video.size)
         if not FOCAL_RANGE[0] < focal < FOCAL_RANGE[1]:
             return 0.0
-        count = sum(image.has_pose and image.camera_id == camera + 1 for image in model.images.values())
-        shares.append(count / len(footage.key_frames(camera)))
+        wanted = footage.wanted_key_frames(camera)
+        shares.append(len(set(_placed(model, camera)) & set(wanted)) / len(wanted))
     return min(shares)
+
+
+def _placed(model: pycolmap.Reconstruction, camera: int) -> list[int]:
+    """List the frames of a camera that the model has a pose for."""
+    places = [Model.place_of(image) for image in model.images.values() if image.has_pose]
+    return sorted(frame for own, frame in places if own == camera)
 
 
 def _map(
@@ -132,21 +139,24 @@ def _map(
 
 def _no_model(footage: Footage, best: pycolmap.Reconstruction | None) -> str:
     names = [f"'{video.name}'" for video in footage.videos]
-    counts = np.zeros(len(names), int)
-    for image in best.images.values() if best is not None else ():
-        counts[image.camera_id - 1] += image.has_pose
-    if best is None or counts.sum() <= 2:
+    placed = {camera: [] if best is None else _placed(best, camera) for camera in range(len(names))}
+    if sum(map(len, placed.values())) <= 2:
         return (
             f"cameras {', '.join(names)} cannot be calibrated: no two frames show the same background from places "
             "far enough apart; walk a step or two while filming, or give cameras from a calibration board."
         )
-    found = ", ".join(
-        f"{name} {count} of {len(footage.key_frames(camera))}"
-        for camera, (name, count) in enumerate(zip(names, counts, strict=True))
-    )
+    found = []
+    for camera, name in enumerate(names):
+        wanted = footage.wanted_key_frames(camera)
+        lost = ~np.isin(wanted, placed[camera])
+        start, stop = longest_run(lost)
+        where = f", none at its frames {wanted[start]} to {wanted[stop - 1]}" if stop - start > 1 else ""
+        found.append(f"{name} {int((~lost).sum())} of {len(wanted)}{where}")
+    part = advise_keys(footage, placed)
     return (
-        f"the cameras cannot be calibrated together: too few key frames could be placed ({found}); more background "
-        "that both see is needed, videos without cuts, or more frames: try --key-step 2."
+        f"the cameras cannot be calibrated together: too few key frames could be placed ({'; '.join(found)}); "
+        f"{part and f'{part}; otherwise '}more background that both see is needed, videos without cuts and phones that "
+        "are not laid down, or more frames: try --key-step 2."
     )
 
 

@@ -11,6 +11,7 @@ from jaxmocap._results import InputError
 
 from ._features import Features, match, read_features
 from ._footage import Footage, Report
+from ._placeable import advise_keys, longest_run
 
 Place = tuple[int, int]
 """Camera and frame of its own video."""
@@ -18,6 +19,10 @@ Place = tuple[int, int]
 _WITHIN = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # key frames apart, in one camera
 _ACROSS = 4  # key frames apart, between two cameras
 _FEWEST_FEATURES = 60  # in half of the key frames
+FEWEST_SEEN = 25
+"""Points without which a frame cannot be placed."""
+ENOUGH = 0.6
+"""Share of the wanted key frames of every camera that have to be placed."""
 _FEWEST_MATCHES = 15
 _FEWEST_ACROSS = 30  # verified matches of the best pair between two cameras
 _CHUNK = 64
@@ -134,14 +139,19 @@ def _verified(path: Path) -> list[tuple[int, int, int, bool]]:
 
 def _refuse_blank(footage: Footage, camera: int, features: dict[Place, Features]) -> None:
     video = footage.videos[camera]
-    counts = [len(found.points) for (own, _), found in features.items() if own == camera]
-    if np.median(counts) >= _FEWEST_FEATURES:
+    wanted, keys = footage.wanted_key_frames(camera), footage.key_frames(camera)
+    counts = {frame: len(features[camera, frame].points) for frame in keys}
+    found = np.array([counts[frame] for frame in wanted])
+    if np.median(found) >= _FEWEST_FEATURES and np.mean(found >= FEWEST_SEEN) >= ENOUGH:
         return
+    start, stop = longest_run(found < _FEWEST_FEATURES)
     where = " outside the person" if video.boxes or video.masks else ""
+    part = advise_keys(footage, {camera: [frame for frame in keys if counts[frame] >= _FEWEST_FEATURES]})
     raise InputError(
-        f"camera '{video.name}' cannot be calibrated: its frames show only {np.median(counts):.0f} points that can be "
-        f"recognised{where}, at least {_FEWEST_FEATURES} are needed; film where the background has texture and light, "
-        "and leave room around the person."
+        f"camera '{video.name}' cannot be calibrated: its frames {wanted[start]} to {wanted[stop - 1]} show only "
+        f"{np.median(found[start:stop]):.0f} points that can be recognised{where}, at least {_FEWEST_FEATURES} are "
+        f"needed; {part and f'{part}; otherwise '}film where the background has texture and light, leave room around "
+        "the person, and do not lay the phone down."
     )
 
 

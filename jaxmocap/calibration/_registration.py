@@ -9,10 +9,9 @@ from jaxtyping import Float, Int
 
 from ._features import Features, match, read_features
 from ._footage import Footage, Report
-from ._matching import Place, frame_pairs
+from ._matching import FEWEST_SEEN, Place, frame_pairs
 
 _MAX_ERROR = 3.0  # pixels at a width of 960
-_FEWEST = 25
 _SMALLEST_SHARE = 0.2
 _GUIDED_REACH = 12.0  # pixels at a width of 960
 
@@ -117,11 +116,11 @@ class Model:
         if predicted is not None:
             rigid = pycolmap.Rigid3d(predicted[:3])
             near = _residuals(lens, rigid, places, pixels) < _GUIDED_REACH * scale
-            if near.sum() < _FEWEST:
+            if near.sum() < FEWEST_SEEN:
                 return None
             found = pycolmap.refine_absolute_pose(rigid, pixels, places, near, lens)
         else:
-            if len(pixels) < _FEWEST:
+            if len(pixels) < FEWEST_SEEN:
                 return None
             options = pycolmap.AbsolutePoseEstimationOptions()
             options.ransac.max_error = _MAX_ERROR * scale
@@ -131,7 +130,7 @@ class Model:
             return None
         rigid = found["cam_from_world"]
         agrees = _residuals(lens, rigid, places, pixels) < _MAX_ERROR * scale
-        if agrees.sum() < max(_FEWEST, _SMALLEST_SHARE * len(pixels)):
+        if agrees.sum() < max(FEWEST_SEEN, _SMALLEST_SHARE * len(pixels)):
             return None
         return PlacedFrame(rigid, Sightings(pixels[agrees], points[agrees], slots[agrees], sightings.keypoints))
 

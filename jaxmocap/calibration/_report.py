@@ -56,6 +56,7 @@ def make_record(
     for camera, name in enumerate(names):
         mine = solved.places[:, 0] == camera
         seen = tables["num_observations"] > 0 if "joints" in tables else mine
+        placed = mine & ~np.isin(solved.places[:, 1], found[name])
         focal, radial = solved.intrinsics[camera, 0, 0], solved.distortion[camera, 0]
         frames = solved.places[mine, 1]
         cameras[name] = {
@@ -68,8 +69,8 @@ def make_record(
             "radial_distortion": round(float(radial), 5),
             "median_residual_pixels": round(float(np.nanmedian(tables["residual"][mine])), 3),
             "median_observations": int(np.median(tables["num_observations"][mine & seen])),
-            "centre_deviation_m": round(float(world.scale * np.median(tables["centre_deviation"][mine])), 5),
-            "rotation_deviation_degrees": round(float(np.degrees(np.median(tables["angle_deviation"][mine]))), 4),
+            "centre_deviation_m": round(float(world.scale * np.median(tables["centre_deviation"][placed])), 5),
+            "rotation_deviation_degrees": round(float(np.degrees(np.median(tables["angle_deviation"][placed]))), 4),
         }
     warnings = [
         *gravity.warnings,

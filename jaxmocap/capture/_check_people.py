@@ -10,14 +10,11 @@ import numpy as np
 from jaxmocap._files import is_clutter
 from jaxmocap._results import InputError
 from jaxmocap.camera import ranges
-from jaxmocap.detection import VideoKeypoints, best_person, read_people, read_video
+from jaxmocap.detection import VideoKeypoints, best_person, farthest_outside, read_people, read_video
 
 from ._capture import Capture
 from ._config import Finding
 from ._picture_steps import mask_file, read_mask
-
-_BEYOND = 0.1  # of the picture's size
-_SHARE_BEYOND = 0.1  # of the points
 
 
 def _stray(capture: Capture, file: Path, suffix: str, more: str = "") -> Finding:
@@ -140,11 +137,8 @@ def _check_video(capture: Capture, index: int, file: Path, frames: dict[int, lis
 
 def _outside(capture: Capture, index: int, source: VideoKeypoints, people: list[np.ndarray]) -> Iterator[Finding]:
     """Points of pictures of another size than the video's."""
-    points = np.concatenate([np.zeros((0, 3)), *people])
-    places, size = points[points[:, 2] > 0, :2], np.array(source.size)
-    beyond = ((places < -_BEYOND * size) | (places > (1 + _BEYOND) * size)).any(1)
-    if len(places) and beyond.mean() > _SHARE_BEYOND:
-        x, y = places.max(0)
+    if (farthest := farthest_outside(people, source.size)) is not None:
+        x, y = farthest
         name, width, height = capture.camera_names[index], *source.size
         yield Finding(
             "warning",

@@ -2,7 +2,11 @@
 person in pictures and follow one through a video."""
 
 from ._cards import CARDS as CARDS, ModelCard as ModelCard, ModelName as ModelName
-from ._files import VideoKeypoints as VideoKeypoints, write_body_25 as write_body_25
+from ._files import (
+    VideoKeypoints as VideoKeypoints,
+    farthest_outside as farthest_outside,
+    write_body_25 as write_body_25,
+)
 from ._follow import FollowedPerson as FollowedPerson, believed as believed, follow_person as follow_person
 from ._layouts import (
     BODY_25 as BODY_25,
@@ -17,4 +21,5 @@ from ._person_model import PersonModel as PersonModel, Sighting as Sighting
 from ._read import best_person as best_person, read_people as read_people, read_video as read_video
 from ._region import Region as Region
 from ._runner import require_runner as require_runner
+from ._unfinished import SeenSoFar as SeenSoFar, read_seen as read_seen, write_seen as write_seen
 from ._weights import Weights as Weights, get_weights as get_weights

@@ -14,9 +14,11 @@ from jaxtyping import Float64
 from jaxmocap._files import is_clutter, write_text
 
 from ._layouts import LayoutName
-from ._read import People, Size, people_at, read_people
+from ._read import People, Size, people_at, read_people, read_video
 
 _AT_THE_TOP = re.compile(r".+_(\d{5,})_keypoints\.json")
+_BEYOND = 0.1  # of the picture's size
+_SHARE_BEYOND = 0.1  # of the points
 _INSIDE = re.compile(r"(?:.*_)?(\d{4,})(?:_keypoints)?\.json")
 
 
@@ -86,6 +88,15 @@ class VideoKeypoints:
         file = self.frame_file(frame)
         return (self._of_video(frame) or []) if file is None else read_people(file, self.layout, self.size)
 
+    def read_all(self) -> dict[int, People]:
+        """Read everybody of every frame that there is a file for.
+
+        Raises `InputError` for a file that cannot be read.
+        """
+        file = self.video_file()
+        found = {} if file is None else read_video(file, self.layout, self.size)
+        return found | {frame: read_people(path, self.layout, self.size) for frame, path in self.frame_files().items()}
+
     def _of_video(self, frame: int) -> People | None:
         file = self.video_file()
         return None if file is None else people_at(file, frame, self.layout, self.size)
@@ -108,6 +119,20 @@ def _kept_listing(folder: Path, changed: int) -> dict[int, Path]:
         if (name := _INSIDE.fullmatch(file.name)) and file.is_file() and not is_clutter(file.name):
             found.setdefault(int(name[1]), file)
     return found
+
+
+def farthest_outside(people: People, size: Size) -> tuple[float, float] | None:
+    """Find how far points go, x and y in pixels, where many lie outside a picture of `size` (width, height).
+
+    None where few do, as those of people who walk out of it: the detector saw pictures of this size or of a smaller.
+    """
+    points = np.concatenate([np.zeros((0, 3)), *people])
+    places = points[points[:, 2] > 0, :2]
+    beyond = ((places < -_BEYOND * np.array(size)) | (places > (1 + _BEYOND) * np.array(size))).any(1)
+    if not len(places) or beyond.mean() <= _SHARE_BEYOND:
+        return None
+    x, y = places.max(0)
+    return float(x), float(y)
 
 
 def write_body_25(file: Path, points: Float64[np.ndarray, "25 3"], **about: Any) -> None:

@@ -10,6 +10,7 @@ from ._left_right import exchanged_sides, layout_of, mirrored_points
 from ._outliers import without_outliers
 from ._person_model import PersonModel, Sighting
 from ._region import Region
+from ._unfinished import SeenSoFar
 
 _PRESENT = 0.5  # below, nobody is there (MediaPipe's min_tracking_confidence)
 _REACH = 0.5  # sides of the region by which a person who was lost may be elsewhere, and as much per picture since
@@ -64,19 +65,24 @@ def follow_person(
     at: tuple[float, float] | None = None,
     frames: Sequence[int] | None = None,
     silhouette: Callable[[int, Bool[np.ndarray, "height width"]], None] | None = None,
+    begun: SeenSoFar | None = None,
+    keep: Callable[[SeenSoFar], None] = lambda seen: None,
 ) -> FollowedPerson:
     """Find one person's keypoints in the RGB pictures of a video, in order of time.
 
     The person is the one who holds the pixel `at` of the first picture in which people are found, or is nearest to it;
     without, the largest, and `notes` say so where there are others. Points that jump away for a single picture, and
     those outside the picture, get confidence 0. `frames` are the pictures' numbers in the video, by default from 0.
-    `silhouette` is told each picture's number and the mask of the person in it, where the model knows one.
+    `silhouette` is told each picture's number and the mask of the person in it, where the model knows one. `keep` is
+    told before each picture what was seen in those before; with that as `begun`, `pictures` are the others.
     """
-    seen: list[Sighting | None] = []
-    notes: list[str] = []
+    begun = SeenSoFar() if begun is None else begun
+    seen, notes = list(begun.seen), list(begun.notes)
     height = width = 0
     follower = _Follower(model, at, notes)
+    follower.go_on(begun)
     for picture in pictures:
+        keep(SeenSoFar(seen, follower.since, notes))
         height, width = picture.shape[:2]
         sighting = follower.next(picture)
         if sighting is not None and sighting.silhouette is not None:
@@ -119,7 +125,17 @@ class _Follower:
     def __init__(self, model: PersonModel, at: tuple[float, float] | None, notes: list[str]):
         self._model, self._at, self._notes = model, at, notes
         self._last: Sighting | None = None
-        self._missed = self._since = 0
+        self._missed = self.since = 0
+
+    def go_on(self, begun: SeenSoFar) -> None:
+        """Know what is known after the pictures that were seen."""
+        self.since = begun.since
+        for sighting in begun.seen:
+            self._note(sighting)
+
+    def _note(self, sighting: Sighting | None) -> None:
+        self._missed = 0 if sighting is not None else self._missed + 1
+        self._last = self._last if sighting is None else sighting
 
     def next(self, picture: np.ndarray) -> Sighting | None:
         """Find the person in the next picture."""
@@ -128,8 +144,7 @@ class _Follower:
             sighting = self._checked(picture, self._again(picture, self._last))
         if sighting is None:
             sighting = next(self._candidates(picture), None)
-        self._missed = 0 if sighting is not None else self._missed + 1
-        self._last = self._last if sighting is None else sighting
+        self._note(sighting)
         return sighting
 
     def _look(self, picture: np.ndarray, region: Region) -> Sighting | None:
@@ -165,10 +180,10 @@ class _Follower:
         Where that gives another answer, the one of several is taken that lies nearest to the others, so that a mistake
         that was followed comes to an end.
         """
-        self._since += 1
-        if sighting is None or self._since < _CHECKED:
+        self.since += 1
+        if sighting is None or self.since < _CHECKED:
             return sighting
-        self._since, region = 0, sighting.region
+        self.since, region = 0, sighting.region
         people = self._model.find(picture, replace(region, side=2 * region.side, angle=0.0), thorough=False)
         near = [one for one in people if _unlikeness(one, region) < _SAME_PLACE]
         likest = min(near, key=lambda one: _unlikeness(one, region), default=None)

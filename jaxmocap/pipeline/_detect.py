@@ -1,6 +1,7 @@
 """Finding the person's keypoints in the videos of a capture, which is completed in place."""
 
 import hashlib
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +17,7 @@ from jaxmocap.detection import (
     FollowedPerson,
     ModelName,
     PersonModel,
+    SeenSoFar,
     believed,
     follow_person,
     get_weights,
@@ -28,6 +30,7 @@ from ._view_agreement import agreeing
 
 Say = Callable[[str], None]
 Report = Callable[[str, int, int], None]
+_EVERY = 5.0  # seconds after which what was seen is kept
 
 
 @dataclass(frozen=True)
@@ -91,9 +94,14 @@ def detect(
             "video": _hash(opened.videos[opened.camera_names.index(name)]),
             "person": list(at[name]) if name in at else None,
         }
-        if store.has(name, inputs, model, _own_frames(opened, name, span)):
+        own = _own_frames(opened, name, span)
+        if store.has(name, inputs, model, own):
             continue
-        found = _follow(opened, name, span, models, at.get(name), say, progress, partial(store.add_silhouette, name))
+        of = {**inputs, "model": models.record(), "frames": own.tolist()}
+        keeping = _Keeping(
+            partial(store.add_silhouette, name), store.seen(name, of), partial(store.keep_seen, name, of)
+        )
+        found = _follow(opened, name, span, models, at.get(name), say, progress, keeping)
         store.add(name, inputs, models.record(), found)
     everybody = {
         name: believed(person, opened.recorded_sizes[opened.camera_names.index(name)])
@@ -168,6 +176,28 @@ class _Models:
         return self._opened
 
 
+class _Keeping:
+    """What is kept while a person is followed: every silhouette, and every few seconds what was seen."""
+
+    def __init__(
+        self,
+        silhouette: Callable[[int, Bool[np.ndarray, "height width"]], None] | None = None,
+        begun: SeenSoFar = SeenSoFar(),
+        write: Callable[[SeenSoFar], None] = lambda seen: None,
+    ):
+        self.begun = begun
+        self._silhouette, self._write, self._written = silhouette, write, time.monotonic()
+
+    def options(self) -> dict[str, Any]:
+        """Return those of `follow_person`."""
+        return {"silhouette": self._silhouette, "begun": self.begun, "keep": self._keep}
+
+    def _keep(self, seen: SeenSoFar) -> None:
+        if time.monotonic() >= self._written + _EVERY:
+            self._write(seen)
+            self._written = time.monotonic()
+
+
 def _follow(
     capture: Capture,
     name: str,
@@ -176,25 +206,28 @@ def _follow(
     at: tuple[float, float] | None,
     say: Say,
     progress: Report,
-    silhouette: Callable[[int, Bool[np.ndarray, "height width"]], None] | None = None,
+    keeping: _Keeping | None = None,
 ) -> FollowedPerson:
     own = _own_frames(capture, name, span)
     index = capture.indices[capture.camera_names.index(name)]
-    model = models.get()
-    if at is not None:
+    model, keeping = models.get(), keeping or _Keeping()
+    before = len(keeping.begun.seen)
+    if before:
+        say(f"{name}: {before} of {len(own)} pictures were looked at before; it goes on from there.")
+    elif at is not None:
         say(f"{name}: the person is looked for at ({at[0]:g}, {at[1]:g}) in frame {own[0]} of {index.path.name}.")
 
     def pictures() -> Iterator[np.ndarray]:
         reader = FrameReader(index)
         try:
-            for done, frame in enumerate(own):
+            for done, frame in enumerate(own[before:], before):
                 progress(f"detect {name}", done, len(own))
                 yield reader.read(int(frame))
         finally:
             reader.close()
         progress(f"detect {name}", len(own), len(own))
 
-    found = follow_person(pictures(), model, at=at, frames=own.tolist(), silhouette=silhouette)
+    found = follow_person(pictures(), model, at=at, frames=own.tolist(), **keeping.options())
     for note in found.notes:
         say(f"{name}: {note}.")
     if not found.found.any():

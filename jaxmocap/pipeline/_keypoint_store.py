@@ -15,7 +15,7 @@ from jaxtyping import Bool
 from jaxmocap._files import free_name, write_bytes, write_json, write_text
 from jaxmocap._results import InputError
 from jaxmocap.capture import SILHOUETTES, Capture, mask_file, with_keypoints_line
-from jaxmocap.detection import FollowedPerson, ModelName, read_person, write_person
+from jaxmocap.detection import FollowedPerson, ModelName, SeenSoFar, read_person, read_seen, write_person, write_seen
 
 DETECTION_REPORT = "detection.json"
 """Beside `capture.toml`: which model found whom, where."""
@@ -65,6 +65,17 @@ class KeypointStore:
         self._drop_silhouettes(name, found)
         self.record["cameras"][name] = {**inputs, "model": model, "notes": list(found.notes)}
         self._write_record()
+        self._unfinished(name).unlink(missing_ok=True)
+
+    def keep_seen(self, name: str, of: Any, seen: SeenSoFar) -> None:
+        """Keep what was seen of a person in the first pictures of a camera's video, until `add` has all."""
+        self.folder.mkdir(exist_ok=True)
+        self._write_record()  # so that this folder is gone on with
+        write_seen(self._unfinished(name), seen, json.dumps(of))
+
+    def seen(self, name: str, of: Any) -> SeenSoFar:
+        """Read what `keep_seen` kept; nothing where it was of something else."""
+        return SeenSoFar() if self.anew else read_seen(self._unfinished(name), json.dumps(of))
 
     def add_silhouette(self, name: str, frame: int, mask: Bool[np.ndarray, "height width"]) -> None:
         """Write where the detector sees the person in one picture of a camera's video."""
@@ -107,6 +118,9 @@ class KeypointStore:
         edited = with_keypoints_line(text, self.folder.name, file)
         if edited != text:
             write_text(file, edited)
+
+    def _unfinished(self, name: str) -> Path:
+        return self.folder / f".{name}.unfinished.npz"
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.json"

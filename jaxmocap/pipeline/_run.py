@@ -8,6 +8,7 @@ from pathlib import Path
 from jaxmocap._types import Quality
 from jaxmocap.motion import Motion
 
+from ._run_files import fetch_weights
 from ._run_folder import only_run
 from ._run_inputs import examine_in
 from ._run_options import RunOptions
@@ -105,7 +106,9 @@ def run(
     with only_run(out, out):
         work = RunWork(indices, out, options, RunRecord(out), tell, progress)
         work.forget_deleted()
-        plan(plan_of(work))
+        planned = plan_of(work)
+        plan(planned)
+        fetch_weights(options, [stage.name for stage in planned if stage.state == "to do"], tell)
         for stage in stages_of(work):
             if given_by_hand(work, stage):
                 say(f"{stage.name}: {stage.line} was set by hand in capture.toml, and stays.")

@@ -2,7 +2,6 @@
 JSON knows it."""
 
 import os
-import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -24,10 +23,10 @@ from jaxmocap.capture import (
     with_lines,
     with_offsets,
 )
-from jaxmocap.detection import VideoKeypoints
 
 from ._calibrate import calibrate_folder
 from ._detect import detect
+from ._run_files import copy_keypoints
 from ._run_inputs import RunInputs
 from ._run_options import span_within
 from ._synchronise import sync
@@ -178,29 +177,11 @@ class FootageWork(RunInputs):
         if options.keypoints is not None:
             folder = free_name(self.folder, "keypoints")
             with atomic_folder(folder) as partial:
-                self._copy_keypoints(options.keypoints, partial)
+                copy_keypoints(options.keypoints, partial, self.indices, self.names)
             self._announce("detect", "keypoints", folder.name)
             self._set(keypoints=folder.name)
             return folder.name
         return self._find_person()
-
-    def _copy_keypoints(self, given: Path, folder: Path) -> None:
-        """Copy a detector's files; those that are named like a video whose camera is called otherwise get its name.
-
-        Raises `InputError` where a camera has none.
-        """
-        shutil.copytree(given, folder, dirs_exist_ok=True)
-        stems = [index.path.stem for index in self.indices]
-        for name, index in zip(self.names, self.indices, strict=True):
-            stem = index.path.stem
-            if stems.count(stem) == 1 and stem not in self.names:
-                _rename_all(folder, stem, name)
-            files = VideoKeypoints(folder, (name,), None, index.size)
-            if files.video_file() is None and not files.frame_files():
-                raise InputError(
-                    f"--keypoints {given} has no file for camera '{name}', {index.path}; {name}_00000_keypoints.json "
-                    f"and so on, one for every picture, or {name}.json for the whole video, were expected"
-                )
 
     def _find_person(self) -> str:
         """Look for the person where nobody has yet, and hold views against each other where there are cameras."""
@@ -273,16 +254,6 @@ def _level_camera(name: str, size: tuple[int, int], focal: float, num_frames: in
     poses = np.broadcast_to(pose, (1, num_frames, 4, 4))
     asarray = jax.numpy.asarray
     return Cameras((name,), (size,), asarray(intrinsics[None]), asarray(np.zeros((1, 5), np.float32)), asarray(poses))
-
-
-def _rename_all(folder: Path, stem: str, name: str) -> None:
-    """Rename all files and folders that a detector called after a video, `stem`, after its camera."""
-    form = re.compile(rf"(results_)?{re.escape(stem)}(|_json|\.json|_\d{{5,}}_keypoints\.json)")
-    for entry in sorted(folder.iterdir()):
-        found = form.fullmatch(entry.name)
-        target = None if found is None else folder / f"{found[1] or ''}{name}{found[2]}"
-        if target is not None and not target.exists():
-            entry.rename(target)
 
 
 def _link_or_copy(video: Path, place: Path) -> None:

@@ -11,6 +11,7 @@ from jaxmocap._results import InputError
 from jaxmocap.calibration import refuse_gaps
 from jaxmocap.capture import Capture, CaptureConfig, VideoIndex, camera_names, config_path, path_hash, read_config
 
+from ._run_files import examine_files
 from ._run_options import RunOptions, examine
 from ._run_record import RunRecord
 
@@ -23,22 +24,29 @@ Report = Callable[[str, int, int], None]
 
 def names_in(capture: Path, videos: Sequence[Path]) -> list[str]:
     """Name the cameras as an earlier run's capture does; where there is none of as many, like their videos."""
-    file = capture / "capture.toml"
-    config = read_config(file)[0] if file.is_file() else None
+    config = _config_in(capture)
     if config is None or len(config.camera) != len(videos):
         return camera_names(videos)
     return [camera.name for camera in config.camera]
 
 
+def _config_in(capture: Path) -> CaptureConfig | None:
+    file = capture / "capture.toml"
+    return read_config(file)[0] if file.is_file() else None
+
+
 def examine_in(out: Path, videos: Sequence[str | Path], options: RunOptions) -> tuple[list[VideoIndex], RunOptions]:
     """Examine a run in a folder: the videos opened, and the options by the names that its cameras have.
 
-    In the options a camera may also be called like its video is now. Raises `InputError`, as `examine`.
+    In the options a camera may also be called like its video is now. Raises `InputError`, as `examine` and
+    `examine_files`.
     """
     paths = [Path(video) for video in videos]
     names = names_in(out / CAPTURE, paths)
     options = options.renamed(dict(zip(camera_names(paths), names, strict=True)))
-    return examine(paths, options, names), options
+    indices, config = examine(paths, options, names), _config_in(out / CAPTURE)
+    examine_files(options, indices, names, None if config is None else config.keypoint_layout)
+    return indices, options
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from jaxmocap._results import InputError
 from jaxmocap._types import Quality
 from jaxmocap.calibration import check_camera_distance
 from jaxmocap.capture import VideoIndex, index_video, path_hash, refuse_single_pictures
-from jaxmocap.detection import require_runner
 from jaxmocap.rigging import check_height
 
 
@@ -66,7 +65,7 @@ def examine(videos: Sequence[Path], options: RunOptions, names: Sequence[str]) -
     """Open the videos of a run, whose cameras have these names, and refuse what cannot work before anything is done.
 
     Raises `InputError` for a video that cannot be read or is given twice, for numbers that nobody's body or cameras
-    have, for files that are not there, and where nothing tells the scale.
+    have, and where nothing tells the scale.
     """
     if not videos:
         raise InputError("no video is given; give one, or better two or three of the same moment")
@@ -99,14 +98,6 @@ def examine(videos: Sequence[Path], options: RunOptions, names: Sequence[str]) -
         raise InputError("--scan and --actor are given, and either is the person's body; leave one of them out")
     if options.scan is not None and options.height is None:
         raise InputError("--scan does not tell how large the person is; say how tall with --height METRES")
-    for what in ("actor", "scan", "weights", "keypoints"):
-        path = getattr(options, what)
-        if path is not None and not path.exists():
-            raise InputError(f"--{what} {path} does not exist")
-    if options.keypoints is None:
-        require_runner()
-    elif not options.keypoints.is_dir():
-        raise InputError(f"--keypoints {options.keypoints} is a file; the folder of a detector's files was expected")
     if len(videos) == 1:
         if options.height is None and options.actor is None:
             raise InputError(

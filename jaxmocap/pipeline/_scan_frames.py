@@ -10,7 +10,7 @@ from jaxtyping import UInt8
 
 from jaxmocap._results import InputError
 from jaxmocap.calibration import usual_focal
-from jaxmocap.capture import FrameReader, index_video
+from jaxmocap.capture import FrameReader, VideoIndex, index_video
 
 from ._detect import Report
 
@@ -40,6 +40,16 @@ class WalkFrames(NamedTuple):
     scale: float
 
 
+def index_of_walk(video: Path) -> VideoIndex:
+    """Open a video. Raises `InputError` for one that cannot be read or is too short."""
+    index = index_video(video)
+    if index.num_frames < _FEWEST:
+        raise InputError(
+            f"{video} has {index.num_frames} frames; at least {_FEWEST}, from all around the person, are needed."
+        )
+    return index
+
+
 def frames_of_walk(
     video: Path,
     folder: Path,
@@ -51,11 +61,7 @@ def frames_of_walk(
     Sharp is what has much contrast from pixel to pixel, among frames of about the same view (the variance of the
     Laplacian; Pech-Pacheco et al., ICPR 2000). Raises `InputError` for a video that is too short or too dark.
     """
-    index = index_video(video)
-    if index.num_frames < _FEWEST:
-        raise InputError(
-            f"{video} has {index.num_frames} frames; at least {_FEWEST}, from all around the person, are needed."
-        )
+    index = index_of_walk(video)
     bins = min(views, index.num_frames)
     edges = np.linspace(0, index.num_frames, bins + 1).astype(int)
     scale = min(1.0, LONGEST / max(index.size))

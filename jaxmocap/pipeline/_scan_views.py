@@ -50,7 +50,7 @@ def read_views(
             recorded = (0, 0)  # which masks have, and they go with pictures alone
         else:
             longest = LONGEST if cameras is None else None
-            prepared = [_in_place(file, Path(place), cameras is None, longest) for file in _pictures(pictures)]
+            prepared = [_in_place(file, Path(place), cameras is None, longest) for file in pictures_in(pictures)]
             _refuse_sizes(pictures, {one.size for one in prepared})
             files, guess, scale = [one.file for one in prepared], None, prepared[0].scale
             recorded = prepared[0].size
@@ -123,7 +123,8 @@ def _refuse_options(
         )
 
 
-def _pictures(folder: Path) -> list[Path]:
+def pictures_in(folder: Path) -> list[Path]:
+    """List the pictures of a folder. Raises `InputError` without any, and for two of one name."""
     if not folder.is_dir():
         raise InputError(
             f"{folder} does not exist; give a video, or the folder of the pictures ({', '.join(PICTURES)})."

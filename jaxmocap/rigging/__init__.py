@@ -13,5 +13,6 @@ from ._rig import (
     brings_skin as brings_skin,
     open_actor as open_actor,
     refuse_number_of_triangles as refuse_number_of_triangles,
+    refuse_unreadable_actor as refuse_unreadable_actor,
     rig as rig,
 )

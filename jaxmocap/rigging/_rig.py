@@ -233,6 +233,14 @@ def radii_cm(character: Character) -> dict[str, float]:
     return {body: round(float(radius), 2) for body, radius in zip(character.skeleton.body_names, radii, strict=True)}
 
 
+def refuse_unreadable_actor(path: Path) -> None:
+    """Raise `InputError` for a file that holds neither a character nor a mesh, which may still be nobody's."""
+    if brings_skin(path):
+        Character.load(path)
+    else:
+        read_mesh(path)
+
+
 def open_actor(path: str | Path, say: Callable[[str], None] | None = None, height: float | None = None) -> Character:
     """Open the character in a skinned glTF file or body model, or rig a bare mesh on the spot and tell `say` about it.
 

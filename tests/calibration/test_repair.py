@@ -96,7 +96,7 @@ def test_wrong_poses_are_placed_again_and_missing_ones_filled_in(seen, tmp_path)
 def test_a_long_gap_is_refused_where_frames_are_wanted(small):
     capture = Capture.open(small)
     lost = {(1, frame) for frame in range(2, 9)}
-    with pytest.raises(InputError, match="placed in 7 of 12 shared frames, at most at frames 2 to 8 on end"):
+    with pytest.raises(InputError, match="placed in 7 of 12 shared frames, at most at its frames 2 to 8 on end"):
         refuse_gaps(capture, lost, (0, None))
     refuse_gaps(capture, lost, (9, None))
     refuse_gaps(capture, lost, (0, 2))

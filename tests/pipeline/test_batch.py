@@ -27,7 +27,7 @@ from jaxmocap._cli import run as command
 from jaxmocap._results import InputError
 from jaxmocap.character import Pose
 from jaxmocap.motion import Motion
-from jaxmocap.pipeline import RunResult, _run_options, _take, _take_result, batch
+from jaxmocap.pipeline import RunResult, _run_files, _take, _take_result, batch
 from jaxmocap.pipeline._run_record import RunRecord
 from jaxmocap.pipeline._take_file import read_take_file
 from jaxmocap.rigging import body
@@ -82,7 +82,7 @@ def tracked(monkeypatch, motion) -> list[tuple[str, dict]]:
 
     monkeypatch.setattr(_take, "track_capture", track_capture)
     monkeypatch.setattr(_take, "run", run)
-    monkeypatch.setattr(_run_options, "require_runner", lambda: None)
+    monkeypatch.setattr(_run_files, "require_runner", lambda: None)
     return done
 
 

@@ -1,6 +1,7 @@
 """Keypoints of drawn people in the videos of a capture, and cameras that tell which points are wrong."""
 
 import json
+import shutil
 import sys
 from fractions import Fraction
 from pathlib import Path
@@ -149,6 +150,60 @@ def test_an_interrupted_run_goes_on_with_the_camera_it_was_at(marked, followed):
     assert len(followed) == 3
     assert {name: len(person.frames) for name, person in found.people.items()} == {"left": COUNT, "right": COUNT}
     assert found.folder == marked / "keypoints"
+
+
+def test_a_camera_that_was_cut_off_goes_on_to_the_same_bytes(marked, followed, monkeypatch, tmp_path):
+    """Somebody is lost in two pictures before it is cut off, and the person is found anew after it."""
+    pictures = [draw(place("left", frame), radius=5) for frame in range(30)]
+    pictures[7] = pictures[8] = draw()
+    film(marked / "left.mp4", pictures)
+    film(marked / "right.mp4", [draw(place("right", frame), place("left", frame), radius=5) for frame in range(30)])
+    whole = Path(shutil.copytree(marked, tmp_path / "whole"))
+    detect(whole)
+    monkeypatch.setattr(_detect, "_EVERY", 0.0)
+    read, reading = [], _detect.FrameReader.read
+    monkeypatch.setattr(
+        _detect.FrameReader, "read", lambda reader, frame: (read.append(frame), reading(reader, frame))[1]
+    )
+    for name, count in (("left", 9), ("left", 20), ("right", 4)):
+
+        def cut_off(stage, done, total, at=(f"detect {name}", count)):
+            if (stage, done) == at:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            detect(marked, progress=cut_off)
+        assert (marked / "capture.toml").read_text() == TOML
+    said: list[str] = []
+    detect(marked, say=said.append)
+    assert read.count(5) == 2  # once in each video
+    assert len(read) < 60 + 6
+    assert "right: 3 of 30 pictures were looked at before; it goes on from there." in said
+
+    def files(folder: Path) -> dict[str, bytes]:
+        made = [folder / "detection.json", folder / "capture.toml", *(folder / "keypoints").rglob("*")]
+        return {str(file.relative_to(folder)): file.read_bytes() for file in made if file.is_file()}
+
+    assert files(marked) == files(whole)
+
+
+def test_what_was_seen_of_somebody_else_or_is_damaged_is_not_gone_on_with(marked, followed, monkeypatch):
+    monkeypatch.setattr(_detect, "_EVERY", 0.0)
+
+    def cut_off(stage, done, total):
+        if done == 5:
+            raise KeyboardInterrupt
+
+    for options in ({}, {"person": {"left": (100.0, 130.0)}}):
+        with pytest.raises(KeyboardInterrupt):
+            detect(marked, progress=cut_off, **options)
+    said: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        detect(marked, progress=cut_off, say=said.append)
+    (file,) = (marked / "keypoints").glob(".*.npz")
+    file.write_bytes(file.read_bytes()[:300])
+    detect(marked, say=said.append)
+    assert not any("before" in sentence for sentence in said)
 
 
 def test_keypoints_of_other_making_are_left_alone(marked, capsys):

@@ -20,11 +20,15 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import read_cameras
 from jaxmocap.capture import Capture, PersonOffset, config_path, with_lines, with_offsets
 from jaxmocap.character import Character, Pose, stature
+from jaxmocap.detection import Weights, _weights
 from jaxmocap.motion import Motion
-from jaxmocap.pipeline import RunResult, _run_folder, _run_footage, _run_options, _run_work, run
+from jaxmocap.pipeline import RunResult, _run_files, _run_folder, _run_footage, _run_work, run
 from jaxmocap.pipeline._made_to_measure import MadeBody
 from jaxmocap.rigging import body
 
+PERSON = [20.0, 20.0, 0.9] * 25
+PICTURE = json.dumps({"people": [{"pose_keypoints_2d": PERSON}]})
+VIDEO = json.dumps([{"frame_id": 1, "instances": [{"keypoints": [[20, 20]] * 17, "keypoint_scores": [0.9] * 17}]}])
 STAGES = ["capture", "synchronise", "detect", "calibrate", "body", "selected frames", "track"]
 
 
@@ -106,7 +110,8 @@ def done(monkeypatch, motion) -> list[str]:
     }  # fmt: skip
     for name, stand_in in stand_ins.items():
         monkeypatch.setattr(_run_work if hasattr(_run_work, name) else _run_footage, name, stand_in)
-    monkeypatch.setattr(_run_options, "require_runner", lambda: None)
+    monkeypatch.setattr(_run_files, "require_runner", lambda: None)
+    monkeypatch.setattr(_run_files, "get_weights", lambda *_, **__: None)
     monkeypatch.setattr(_run_footage, "refuse_views_of_different_people", lambda capture: None)
     opened = Capture.open
     monkeypatch.setattr(Capture, "open", staticmethod(lambda path, **_: opened(path, with_cameras=False)))
@@ -291,8 +296,8 @@ def test_a_pair_that_nothing_ties_directly_is_no_obstacle(videos, done, tmp_path
 def test_keypoints_that_were_given_once_are_left_again(videos, done, tmp_path):
     out, given = tmp_path / "dance", tmp_path / "given"
     given.mkdir()
-    (given / "left.json").write_text("{}")
-    (given / "right_hand.json").write_text("{}")
+    (given / "left.json").write_text(VIDEO)
+    (given / "right_hand.json").write_text(VIDEO)
     again(videos, out)
     again(videos, out, keypoints=given)
     assert Capture.open(out / "capture").keypoints_folder == out / "capture" / "keypoints-2"
@@ -303,20 +308,149 @@ def test_keypoints_that_were_given_once_are_left_again(videos, done, tmp_path):
 def test_keypoints_that_are_named_like_the_video_are_named_like_its_camera(videos, done, tmp_path):
     given = tmp_path / "given"
     (given / "right hand_json").mkdir(parents=True)
-    (given / "right hand_json" / "right hand_00003.json").write_text("{}")
+    (given / "right hand_json" / "right hand_00003.json").write_text(PICTURE)
     again(videos[1:], tmp_path / "alone", keypoints=given)
-    with pytest.raises(InputError, match=r"detect' failed: .*given has no file for camera 'left', .* left\.json"):
+    with pytest.raises(InputError, match=r"--keypoints .*given has no file for camera 'left', .* left\.json"):
         again(videos, tmp_path / "dance", keypoints=given)
-    (given / "left_000000000003_keypoints.json").write_text("{}")
+    assert not (tmp_path / "dance").exists()
+    (given / "left_000000000003_keypoints.json").write_text(PICTURE)
     again(videos, tmp_path / "dance", keypoints=given)
     opened = Capture.open(tmp_path / "dance" / "capture")
     assert [opened.keypoint_frames(camera) for camera in range(2)] == [(3,), (3,)]
     same = [
         shutil.copy(video, make_folder(tmp_path / name) / "x.mp4") for name, video in zip("ab", videos, strict=True)
     ]
-    (given / "x.json").write_text("{}")
+    (given / "x.json").write_text(VIDEO)
     with pytest.raises(InputError, match=r"no file for camera 'cam0', .*a/x\.mp4; cam0_00000_keypoints\.json"):
         again(same, tmp_path / "other", keypoints=given)
+
+
+@pytest.mark.parametrize("name", ["predictions/right hand.json", "results_right hand.json", "right hand.json"])
+def test_a_file_of_a_whole_video_that_is_named_like_it_is_found_in_the_capture(name, videos, done, tmp_path):
+    file = tmp_path / "given" / name
+    file.parent.mkdir(parents=True)
+    file.write_text(VIDEO)
+    again(videos[1:], tmp_path / "alone", keypoints=tmp_path / "given")
+    assert Capture.open(tmp_path / "alone" / "capture").keypoint_frames(0) == (1,)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("no JSON", r"keypoints .*left\.json is not JSON"),
+        (VIDEO.replace("0.9, ", "", 1), r"keypoints .*left\.json is not an OpenPose file"),
+        (
+            json.dumps([{"frame_id": 1, "instances": [{"keypoints": [[2, 2]] * 18, "keypoint_scores": [0.9] * 18}]}]),
+            r"keypoints .*left\.json: a person has 18 points, which looks like COCO \(18 points\); expected",
+        ),
+        (
+            json.dumps([{"frame_id": 1, "instances": []}]),
+            r"--keypoints \S+ show nobody in the 12 pictures of camera 'left'",
+        ),
+        (VIDEO.replace('"frame_id": 1', '"frame_id": 100').replace("[{", '[{"frame_id": 0, "instances": []}, {', 1),
+         r"--keypoints \S+ show nobody in the 12 pictures of camera 'left'"),
+        (VIDEO.replace("[20, 20]", "[200, 20]"), r"camera 'left' lie as far as 200, 20, outside the 64 x 48 pixels"),
+    ],
+)  # fmt: skip
+def test_keypoints_that_are_none_are_refused_before_anything_is_done(content, words, videos, done, tmp_path, capsys):
+    given, out = make_folder(tmp_path / "given"), tmp_path / "dance"
+    (given / "right_hand.json").write_text(VIDEO)
+    (given / "left.json").write_text(content)
+    with pytest.raises(InputError, match=words):
+        run(videos, out, height=1.8, keypoints=given)
+    assert command(["run", *map(str, videos), "--height", "1.8", "--out", str(out), "--keypoints", str(given)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert (done, out.exists()) == ([], False)
+
+
+def test_the_layout_that_the_capture_names_holds_for_keypoints_that_are_given_to_it(videos, done, tmp_path):
+    given, out = make_folder(tmp_path / "given"), tmp_path / "dance"
+    points = {"keypoints": [[20, 20]] * 30, "keypoint_scores": [0.9] * 30}  # COCO's, and others of a program's own
+    for name in ("left", "right_hand"):
+        (given / f"{name}.json").write_text(json.dumps([{"frame_id": 1, "instances": [points]}]))
+    again(videos, out)
+    with pytest.raises(InputError, match="a person has 30 points"):
+        again(videos, out, keypoints=given)
+    file = out / "capture" / "capture.toml"
+    file.write_text('keypoint_layout = "coco17"\n' + file.read_text())
+    assert "detect" in again(videos, out, keypoints=given)[1]
+
+
+@pytest.fixture
+def real_weights(monkeypatch):
+    """Weights are looked for as ever, but not downloaded."""
+    monkeypatch.setattr(_run_files, "get_weights", _weights.get_weights)
+    monkeypatch.setattr(_weights.shutil, "which", lambda name: None)
+    monkeypatch.setattr(_weights.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=1, stderr="no network"))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda path: path.write_text("mine"), r"weights \S+ are no model: neither a folder nor an archive"),
+        (lambda path: path.mkdir(), r"weights \S+ do not hold BlazePose GHUM heavy: found none of its files"),
+        (
+            lambda path: (make_folder(path) / "pose_landmark_heavy.tflite").write_bytes(b"cut off"),
+            r"pose_landmark_heavy\.tflite in \S+ is not the file of BlazePose GHUM heavy: its SHA-256 is",
+        ),
+    ],
+)
+def test_weights_that_are_none_are_refused_before_anything_is_done(
+    make, words, videos, done, real_weights, tmp_path, capsys
+):
+    make(tmp_path / "weights")
+    out, weights = tmp_path / "dance", tmp_path / "weights"
+    with pytest.raises(InputError, match=words):
+        run(videos, out, height=1.8, weights=weights)
+    assert command(["run", *map(str, videos), "--height", "1.8", "--out", str(out), "--weights", str(weights)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert (done, out.exists()) == ([], False)
+
+
+def test_a_bundle_of_other_networks_is_refused_before_anything_is_done(videos, done, monkeypatch, tmp_path):
+    pytest.importorskip("ai_edge_litert", reason="the extra 'detect' is not installed")
+    given = Weights("heavy", {"person": b"no network", "landmarks": b"no network"})
+    monkeypatch.setattr(_run_files, "get_weights", lambda *_: given)
+    with pytest.raises(InputError, match="the person detector of BlazePose GHUM heavy is no network of TensorFlow Li"):
+        run(videos, tmp_path / "dance", height=1.8, weights=tmp_path)
+    assert done == []
+
+
+def test_without_weights_and_network_nothing_is_begun_and_without_need_of_them_all_is(
+    videos, done, real_weights, monkeypatch, tmp_path
+):
+    monkeypatch.setattr(_weights, "cache_folder", lambda name: tmp_path / "cache" / name)
+    out, given = tmp_path / "dance", make_folder(tmp_path / "given")
+    with pytest.raises(InputError, match=r"the weights of BlazePose GHUM heavy .* could not be downloaded"):
+        run(videos, out, height=1.8)
+    assert (done, out.exists()) == ([], False)
+    for name in ("left", "right_hand"):
+        (given / f"{name}.json").write_text(VIDEO)
+    assert again(videos, out, keypoints=given)[1] == STAGES
+    assert again(videos, out, keypoints=given)[1] == []
+    with pytest.raises(InputError, match="could not be downloaded"):
+        run(videos, tmp_path / "other", height=1.8, keypoints=given, scan=make_video(tmp_path / "walk.mp4"))
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "words"),
+    [
+        ("actor", "me.obj", r"me\.obj cannot be read as a mesh|me\.obj holds no triangles"),
+        ("actor", "me.glb", r"me\.glb"),
+        ("actor", "me.txt", r"me\.txt is not a known kind of mesh"),
+        ("scan", "walk.mp4", r"walk\.mp4"),
+    ],
+)
+def test_an_actor_or_a_scan_that_is_none_is_refused_before_anything_is_done(
+    option, name, words, videos, done, tmp_path
+):
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(InputError, match=words):
+        run(videos, tmp_path / "dance", **{"height": 1.8, option: tmp_path / name})
+    assert (done, (tmp_path / "dance").exists()) == ([], False)
+    (tmp_path / "pictures").mkdir()
+    with pytest.raises(InputError, match="pictures holds no pictures"):
+        run(videos, tmp_path / "dance", height=1.8, scan=tmp_path / "pictures")
 
 
 def make_folder(folder: Path) -> Path:
