@@ -54,8 +54,8 @@ def accelerations(
 ) -> Float[np.ndarray, "inner joint 3"]:
     """Take second divided differences at inner frames, m/s^2; frames need not be evenly spaced.
 
-    What a container rounded of the times of an even rate is taken out: at 60 frames a second a millisecond of it makes
-    10 m/s^2 of an even walk.
+    What a container rounded of the times of an even rate is taken out: at 60 frames a second, whole milliseconds make
+    5 m/s^2 of an even walk.
     """
     if len(positions) < 3:
         return np.zeros((0, *positions.shape[1:]))

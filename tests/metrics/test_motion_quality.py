@@ -98,7 +98,7 @@ def test_accelerations_between_uneven_frames_are_those_of_a_throw():
     [(60.0, 1000, []), (60.0, 1000, [3, 11, 12, 30, 31, 32]), (29.97, 600, [3, 11, 12, 30, 31, 32]), (240.0, 600, [])],
 )
 def test_rounded_times_of_an_even_rate_accelerate_nothing(fps, ticks, missing):
-    """Rounding by a third of a millisecond made 4 m/s^2 of an even walk at 60 frames a second."""
+    """Whole milliseconds made 5 m/s^2 of an even walk at 60 frames a second."""
     numbers = np.delete(np.arange(100), missing)
     places = (numbers[:, None] / fps * [1.5, 0.0, 0.0])[:, None]
     assert np.abs(accelerations(places, np.round(numbers / fps * ticks) / ticks)).max() < 0.05
