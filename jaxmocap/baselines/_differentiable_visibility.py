@@ -71,7 +71,7 @@ class DifferentiableVisibility(Baseline):
             step=self.step,
         )
 
-    def start(self, worker: Follower, history: MotionHistory) -> Pose:
+    def start(self, worker: Follower, history: MotionHistory, timestamp: float) -> Pose:
         """Begin at the last pose."""
         return history.pose
 

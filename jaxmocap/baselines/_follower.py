@@ -62,7 +62,7 @@ class Follower:
                     self.frames.observations, FlowSettings(), state.rectangle, previous, history.pose, shown
                 )
         else:
-            start = self.baseline.start(self, history)
+            start = self.baseline.start(self, history, shown.timestamp)
         frame, state = self.frames.observe(state, shown, start, speed, clock)
         with clock.stage(self.baseline.name):
             pose = self.baseline.find(self, frame, start)
@@ -97,10 +97,11 @@ class Baseline(abc.ABC):
         """Learn what the method knows of colours before the first frame; kept as `Follower.memory`."""
         return None
 
-    def start(self, worker: Follower, history: MotionHistory) -> Pose:
-        """Predict by the autoregression of Eq. 10 the pose at which a frame begins."""
+    def start(self, worker: Follower, history: MotionHistory, timestamp: float) -> Pose:
+        """Predict by the autoregression of Eq. 10 the pose at which a frame begins, which is shown at a time in
+        seconds."""
         skeleton = worker.character.skeleton
-        return clamp(skeleton, retract(skeleton, history.pose, history.predicted("ridge")))
+        return clamp(skeleton, retract(skeleton, history.pose, history.predicted("ridge", timestamp)))
 
     @abc.abstractmethod
     def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:

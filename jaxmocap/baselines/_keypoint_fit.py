@@ -46,7 +46,7 @@ class KeypointFit(Baseline):
         """Make the worker of one sequence. Raises `InputError` where the observations hold no detections."""
         return super().follow(asked_for_keypoints(observations, "a fit to keypoints"), key)
 
-    def start(self, worker: Follower, history: MotionHistory) -> Pose:
+    def start(self, worker: Follower, history: MotionHistory, timestamp: float) -> Pose:
         """Begin at the last pose."""
         return history.pose
 

@@ -65,7 +65,7 @@ class KeypointTriangulation(Baseline):
         """Make the worker of one sequence. Raises `InputError` where the observations hold no detections."""
         return super().follow(asked_for_keypoints(observations, "keypoint triangulation"), key)
 
-    def start(self, worker: Follower, history: MotionHistory) -> Pose:
+    def start(self, worker: Follower, history: MotionHistory, timestamp: float) -> Pose:
         """Begin at the last pose: where depth is weak, extrapolating noise would run away."""
         return history.pose
 

@@ -67,7 +67,7 @@ class PoseCut(Baseline):
         figure = StickFigure(observations.character) if self.figure == "sticks" else None
         return figure, selected_histograms(observations)
 
-    def start(self, worker: Follower, history: MotionHistory) -> Pose:
+    def start(self, worker: Follower, history: MotionHistory, timestamp: float) -> Pose:
         """Begin at the last pose, as in the publication."""
         return history.pose
 

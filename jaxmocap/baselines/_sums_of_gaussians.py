@@ -166,10 +166,11 @@ class SumsOfGaussians(Baseline):
         seen = np.asarray(surface.has_colour, float)
         return gaussian_body(observations.character, np.asarray(surface.mean_colour, float), seen, self.gaussians)
 
-    def start(self, worker: Follower, history: MotionHistory) -> Pose:
+    def start(self, worker: Follower, history: MotionHistory, timestamp: float) -> Pose:
         """Predict by half the last motion, as in the publication."""
         skeleton = worker.character.skeleton
-        return clamp(skeleton, retract(skeleton, history.pose, jnp.asarray(0.5 * history.predicted("velocity"))))
+        half = 0.5 * history.predicted("velocity", timestamp)
+        return clamp(skeleton, retract(skeleton, history.pose, jnp.asarray(half)))
 
     def find(self, worker: Follower, frame: Frame, start: Pose) -> Pose:
         skeleton = worker.character.skeleton

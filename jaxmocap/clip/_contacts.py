@@ -1,10 +1,10 @@
 """Feet that stand: found in a motion by the height and the speed of heels and toes, never assumed."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from jaxmocap.character import Skeleton
-from jaxmocap.motion import Contact
+from jaxmocap.motion import STRIDE, Contact
 
 FOOT_POINTS = ("heel", "toe")
 """Landmarks of a foot that may stand, after `l_` and `r_`."""
@@ -38,9 +38,12 @@ def find_contacts(
     """Find where heels and toes stand, with hysteresis: a contact begins low and slow and ends higher or faster.
 
     The ground is level and lies where a point is at its lowest, unless the lowest of the whole body is `LEVEL` lower: a
-    foot that is held up, or those of a person who stands on the hands, never come down. `up` is a unit vector.
+    foot that is held up, or those of a person who stands on the hands, never come down. No contact goes on over a gap
+    in which a foot may have stepped. `up` is a unit vector.
     """
     found = []
+    apart = np.diff(timestamps)
+    gaps = np.flatnonzero(apart > STRIDE) + 1
     lowest = np.percentile(places.astype(np.float64) @ up, GROUND, axis=0).min(initial=np.inf)
     for name in skeleton.landmark_names:
         if name.partition("_")[2] not in FOOT_POINTS or len(places) < 2:
@@ -50,19 +53,21 @@ def find_contacts(
         if np.percentile(height, GROUND) > lowest + LEVEL:
             continue
         height = height - np.percentile(height, GROUND)
-        pace = np.linalg.norm(np.diff(path, axis=0), axis=1) / np.diff(timestamps)
+        pace = np.where(apart > STRIDE, np.inf, np.linalg.norm(np.diff(path, axis=0), axis=1) / apart)
         speed = np.minimum(np.append(pace, np.inf), np.insert(pace, 0, np.inf))  # a foot that lands stands from here on
         begins = (height < HEIGHT) & (speed < SPEED)
         holds = (height < RELEASE * HEIGHT) & (speed < RELEASE * SPEED)
         found += [
             Contact(name, first, last)
-            for first, last in _spans(holds)
+            for first, last in _spans(holds, gaps)
             if begins[first : last + 1].any() and timestamps[last] - timestamps[first] >= SHORTEST
         ]
     return found
 
 
-def _spans(flags: Bool[np.ndarray, " frame"]) -> list[tuple[int, int]]:
-    """List first and last positions of the runs of true flags."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return [(int(first), int(stop) - 1) for first, stop in edges.reshape(-1, 2)]
+def _spans(flags: Bool[np.ndarray, " frame"], gaps: Int[np.ndarray, " gap"]) -> list[tuple[int, int]]:
+    """List first and last positions of the runs of true flags; before each position in `gaps` one ends."""
+    apart = np.insert(flags.astype(np.int8), gaps, 0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], apart, [0]])))
+    position = np.insert(np.arange(len(flags)), gaps, -1)
+    return [(int(position[first]), int(position[stop - 1])) for first, stop in edges.reshape(-1, 2)]

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, landmark_positions, retract
-from jaxmocap.motion import Contact
+from jaxmocap.motion import Contact, evened
 
 from ._contacts import find_contacts
 from ._system import ClipRows, body_points, energy_at, linearise, normal_equations, third_differences
@@ -80,11 +80,13 @@ def solve_clip(
 
     Each step of Levenberg and Marquardt solves a system that joins no frames farther apart than three, and long clips
     are solved in windows that overlap, so that time grows linearly with the clip and memory does not. `poses` are
-    stacked along the first axis, `timestamps` are seconds. Fewer than four frames stay as they are.
+    stacked along the first axis, `timestamps` are seconds, as far apart as they are; what a container rounded of an
+    even rate is taken out. Fewer than four frames stay as they are.
     """
     plan = ClipPlan() if plan is None else plan
     if len(timestamps) < 4:
         return SolvedClip(poses, None)
+    timestamps = evened(timestamps)
     if confidence is None:
         confidence = np.ones((len(timestamps), len(skeleton.landmark_names)))
     solved = _in_windows(skeleton, poses, timestamps, confidence, plan, [])

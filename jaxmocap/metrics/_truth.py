@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmocap._results import InputError
-from jaxmocap.motion import Motion, read_npz
+from jaxmocap.motion import Motion, evened, read_npz
 
 _SAME_INSTANT = 0.02  # of a sample interval: nearer than this, a sample is taken as it is
 _LONGEST = 0.1  # seconds between samples that a straight line joins: a wrist at 10 m/s^2 is up to 1.25 cm off it
@@ -88,7 +88,7 @@ class Truth:
         if self.times is None:
             times, wanted, longest = np.arange(count, dtype=np.float64), motion.frames.astype(np.float64), 1.0
         else:
-            times, wanted, longest = self.times, motion.timestamps, _LONGEST
+            times, wanted, longest = evened(self.times), evened(motion.timestamps), _LONGEST
         slack = _SAME_INSTANT * min(np.median(np.diff(times)) if count > 1 else 1.0, longest)
         covered = (wanted >= times[0] - slack) & (wanted <= times[-1] + slack)
         if not covered.any():

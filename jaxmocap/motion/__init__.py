@@ -1,5 +1,10 @@
 """Motion: poses over time with confidence and provenance, their storage, and motion priors in time."""
 
+from ._frame_times import (
+    STRIDE as STRIDE,
+    evened as evened,
+    usual_interval as usual_interval,
+)
 from ._history import (
     AngleChoice as AngleChoice,
     MotionHistory as MotionHistory,

@@ -17,6 +17,8 @@ from jaxmocap.character import (
     rewritten_increments,
 )
 
+from ._frame_times import SHORTEST_STEP, frames_apart
+
 Order = Literal["ridge", "quadratic", "velocity"]
 MINIMUM_FOR_RIDGE = 7  # differences, that is eight poses
 
@@ -80,23 +82,51 @@ WINDOW = 30
 """Increments that the autoregression sees."""
 
 
+LONGEST_PREDICTION = 0.25
+"""Seconds after which nobody goes on as before."""
+
+
 class MotionHistory(NamedTuple):
-    """Time in seconds and pose of the last tracked frame, the increments (dof,) that led to it, oldest first, and how
-    many frames later the next one is: more than 1 after frames that were passed over."""
+    """How the person has moved up to the last tracked frame.
+
+    Attributes:
+        timestamp: of that frame, seconds.
+        pose: in it.
+        increments: that led to it, oldest first, each over one usual interval between frames. A gap of several
+            intervals, where frames are missing or were passed over, counts as so many equal ones.
+        interval: the usual one, seconds; 0 where it is not known, and every frame then counts as one step.
+    """
 
     timestamp: float
     pose: Pose
     increments: tuple[Float[np.ndarray, "dof"], ...] = ()
-    steps: int = 1
+    interval: float = 0.0
 
-    def predicted(self, mode: Order) -> Float[np.ndarray, "dof"]:
-        """Predict the increment to the next frame by the autoregression of Eq. 10."""
+    def steps(self, timestamp: float) -> float:
+        """Tell how many usual intervals a frame lies after the last one, or before it where tracking runs backwards."""
+        if self.interval <= 0:
+            return 1.0
+        return max(float(frames_apart(np.array(timestamp - self.timestamp), self.interval)), SHORTEST_STEP)
+
+    def foreseen(self, timestamp: float) -> float:
+        """Tell over how many of these steps motion is predicted: no longer than `LONGEST_PREDICTION`, or one."""
+        most = max(LONGEST_PREDICTION / self.interval, 1.0) if self.interval > 0 else 1.0
+        return min(self.steps(timestamp), most)
+
+    def predicted(self, mode: Order, timestamp: float) -> Float[np.ndarray, "dof"]:
+        """Predict the increment to a frame by the autoregression of Eq. 10, step by step if it is several away."""
         num_dofs = ROOT_DOFS + self.pose.angles.shape[0]
         if not self.increments:
             return np.zeros(num_dofs)
-        window = np.zeros((WINDOW, num_dofs), np.float32)
-        window[-len(self.increments) :] = np.stack(self.increments)
-        return self.steps * np.asarray(predict_difference(jnp.asarray(window), len(self.increments), mode))
+        window, ahead = [*self.increments], np.zeros(num_dofs, np.float32)
+        left = self.foreseen(timestamp)
+        while left > 0:
+            known = np.zeros((WINDOW, num_dofs), np.float32)
+            known[-len(window) :] = np.stack(window)
+            step = np.asarray(predict_difference(jnp.asarray(known), len(window), mode))
+            ahead, left = ahead + min(left, 1.0) * step, left - 1.0
+            window = [*window, step][-WINDOW:]
+        return ahead
 
     def pace(self, fps: float) -> float:
         """Measure the speed of the fastest joint in metres per second at 0.4 m from its axis.
@@ -109,15 +139,21 @@ class MotionHistory(NamedTuple):
 
 
 def after(
-    skeleton: Skeleton, history: MotionHistory | None, timestamp: float, pose: Pose, angles: AngleChoice
+    skeleton: Skeleton,
+    history: MotionHistory | None,
+    timestamp: float,
+    pose: Pose,
+    angles: AngleChoice,
+    interval: float = 0.0,
 ) -> MotionHistory:
-    """Return the history of the frame that follows one with this pose."""
+    """Return the history of the frame that follows one with this pose; `interval` counts where there was none."""
     increments: tuple[np.ndarray, ...] = ()
     written = away_from_limits(skeleton, pose) if angles == "away_from_limits" else pose
     if history is not None:
         before = nearest_equivalent(skeleton, history.pose, pose) if angles == "away_from_limits" else history.pose
-        step = np.asarray(difference(skeleton, before, pose)) / history.steps
+        steps, interval = history.steps(timestamp), history.interval
+        step = np.asarray(difference(skeleton, before, pose)) / steps
         known = rewritten_increments(skeleton, history.pose, before, history.increments)
-        known = rewritten_increments(skeleton, pose, written, [*known, *[step] * history.steps])
+        known = rewritten_increments(skeleton, pose, written, [*known, *[step] * max(round(steps), 1)])
         increments = tuple(known[-WINDOW:])
-    return MotionHistory(timestamp, written, increments)
+    return MotionHistory(timestamp, written, increments, interval)

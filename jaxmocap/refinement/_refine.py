@@ -131,7 +131,7 @@ class Refinement:
         """Refine the pose; return it with J^T J of the last step, of rows in units of `EVIDENCE_SCALE`."""
         plan, skeleton, problem = self.plan, self.character.skeleton, frame.problem
         base = history.pose if history is not None else pose
-        prior = self._motion_prior(base, history)
+        prior = self._motion_prior(base, history, frame.timestamp)
         points = () if self.detections is None else (self._detection_rows(problem, self.detections),)
         hessian = None
         for round_index in range(plan.rounds):
@@ -189,11 +189,19 @@ class Refinement:
                     )
         return [[self._selected[camera, g] for g in serving] for camera in range(observed.cameras.num_cameras)]
 
-    def _motion_prior(self, base: Pose, history: MotionHistory | None) -> Prior:
+    def _motion_prior(self, base: Pose, history: MotionHistory | None, timestamp: float) -> Prior:
+        """Eq. 10 for the increment to the next frame, which may be several steps away.
+
+        Of the frames between, Eq. 10 is at its least over their increments: the L1 of all of them is that of their sum,
+        and where velocity drifts by equal variances from step to step, its sum over s steps has that of one step times
+        1 + 4 + ... + s^2.
+        """
         limits = free_prior(self.character, base)
         if history is None:
             return limits
         lam, pull = np.float32(self.plan.weights.regularisation), np.float32(self.plan.weights.prior)
-        target = np.asarray(history.predicted(self.plan.autoregression), np.float32)
+        target = np.asarray(history.predicted(self.plan.autoregression, timestamp), np.float32)
+        steps = history.steps(timestamp)
+        spread = np.float32(steps * (steps + 1) * (2 * steps + 1) / 6)
         unit = np.repeat(np.array([2, 1], np.float32), [3, len(target) - 3])
-        return limits._replace(l1=lam * unit, weight=lam * pull * unit**2, target=target)
+        return limits._replace(l1=lam * unit, weight=lam * pull * unit**2 / spread, target=target)

@@ -27,8 +27,8 @@ class BackwardSearch:
     """Search limbs of earlier frames again that a later frame shows to be wrong. The paper only looks forwards.
 
     A limb that looks foreign, and less so in a later frame, is searched from there, backwards from frame to frame. A
-    limb that is far from halfway between the frames before and after is searched from halfway; the answer counts where
-    it deviates half as far, does not hide the limb, and costs little more.
+    limb that is far from halfway in time between the frames before and after is searched from halfway; the answer
+    counts where it deviates half as far, does not hide the limb, and costs little more.
 
     Attributes:
         foreign: mean cost of Eq. 6 over the limb's distal half above which it looks foreign.
@@ -117,15 +117,17 @@ def _straightened(
     number, position = search.limbs[limb], len(tracked) - 2
     skeleton, dofs = search.character.skeleton, search.groups[number].dofs
     earlier, here, later = poses[-3:]
-    before, middle = limb_deviation(skeleton, earlier, here, later, dofs)
-    if before < max(settings.deviation, 0.5 * settings.acceleration_limit / search.fps**2):
+    steps, seconds = [_steps_to(one) for one in tracked[-2:]], np.diff([one.frame.timestamp for one in tracked[-3:]])
+    share = steps[0] / sum(steps)
+    before, middle = limb_deviation(skeleton, earlier, here, later, dofs, share)
+    if before < max(settings.deviation, 0.5 * settings.acceleration_limit * seconds[0] * seconds[1]):
         return {}
     frame, evidence = tracked[position].frame, search.evidence
     answer, _ = search.group(number, middle, frame.problem, None, search.key_of(frame.number, 300 + number))
     shares = [evidence.limb_shares(evidence.draw(pose, frame.problem))[limb] for pose in (here, answer)]
     if shares[1] < min(shares[0], settings.hidden):
         return {}
-    left = limb_deviation(skeleton, earlier, answer, later, dofs)[0]
+    left = limb_deviation(skeleton, earlier, answer, later, dofs, share)[0]
     return {position: answer} if left < 0.5 * before else {}
 
 
@@ -138,10 +140,10 @@ def _backwards(
     later, earlier = tracked[last].result.pose, poses[last - run - 1]
     for position in range(last - 1, last - 1 - run, -1):
         history, frame, _ = tracked[position]
-        steps, here = position - (last - run - 1) + 1, poses[position]
+        here, steps = poses[position], [_steps_to(one) for one in tracked[last - run : position + 2]]
         as_later = with_limb(here, later, dofs)
         before = nearest_equivalent(search.character.skeleton, earlier, as_later)
-        starts = [as_later, with_limb(as_later, before, dofs, 1.0 / steps)]
+        starts = [as_later, with_limb(as_later, before, dofs, steps[-1] / sum(steps))]
         totals, _ = search.score(frame.problem, [here, *starts])
         start = starts[int(np.argmin(totals[1:]))]
         again = 1000 * (last - 1 - position)  # a frame may be searched from each of the next ones
@@ -154,14 +156,19 @@ def _backwards(
     return found
 
 
-def limb_deviation(
-    skeleton: Skeleton, earlier: Pose, pose: Pose, later: Pose, dofs: tuple[int, ...]
-) -> tuple[float, Pose]:
-    """Measure how far a limb's landmarks are, at most, from halfway between two other poses, metres.
+def _steps_to(tracked: Tracked) -> float:
+    """Tell how many steps a frame lies after the one before."""
+    return 1.0 if tracked.history is None else tracked.history.steps(tracked.frame.timestamp)
 
-    Returns with it the pose with the limb halfway.
+
+def limb_deviation(
+    skeleton: Skeleton, earlier: Pose, pose: Pose, later: Pose, dofs: tuple[int, ...], share: float = 0.5
+) -> tuple[float, Pose]:
+    """Measure how far a limb's landmarks are, at most, from the way between two other poses, metres.
+
+    Returns with it the pose with the limb on that way, at this share of the time between them.
     """
     before, after = nearest_equivalent(skeleton, earlier, pose), nearest_equivalent(skeleton, later, pose)
-    middle = with_limb(with_limb(pose, before, dofs), with_limb(pose, after, dofs), dofs, 0.5)
+    middle = with_limb(with_limb(pose, before, dofs), with_limb(pose, after, dofs), dofs, share)
     moved = landmark_positions(skeleton, pose) - landmark_positions(skeleton, middle)
     return float(jnp.linalg.norm(moved, axis=1).max()), middle

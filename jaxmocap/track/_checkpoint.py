@@ -13,7 +13,7 @@ from jaxmocap.verdict import FrameResult
 
 from ._state import TrackingState
 
-FORMAT = 5
+FORMAT = 6
 _STATE = "state.npz"
 
 

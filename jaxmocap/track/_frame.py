@@ -10,7 +10,7 @@ from jaxtyping import Float, PRNGKeyArray
 from jaxmocap._cache import free_programs
 from jaxmocap._runtime import Clock, cores
 from jaxmocap.character import Pose, difference, skin
-from jaxmocap.motion import MotionHistory, after
+from jaxmocap.motion import MotionHistory, after, usual_interval
 from jaxmocap.observation import Frame, FrameImages, LightMeter, Observations, frame_rectangle, lit_apart
 from jaxmocap.refinement import Refinement
 from jaxmocap.search import BodySearch, DrawnPose, Evidence, PoseScore, polish
@@ -60,6 +60,7 @@ class FrameTracker:
         self.observations = observations.filled_up()
         self.character = self.observations.character
         self.tracker = tracker
+        self.interval = usual_interval(observations.capture.timestamps)
         self.evidence = Evidence.of(self.character)
         self.score = PoseScore(tracker.scored, self.character)
         search, refine = tracker.search, tracker.refine
@@ -165,7 +166,10 @@ class FrameTracker:
             background = self.observations.background.learn(state.background, shown, frame.rectangle, answer.pose)
         between: tuple[FrameResult, ...] = ()
         if state.passed_over:
-            between = tuple(poses_between(self.character.skeleton, state.passed_over, answer.pose))
+            assert before is not None
+            way = before.steps(shown.timestamp)
+            shares = [before.steps(one.timestamp) / way for one in state.passed_over]
+            between = tuple(poses_between(self.character.skeleton, state.passed_over, answer.pose, shares))
         detector = state.detector
         if detector is not None and result.status == "ok":
             view = self.observations.cameras.at(frame.number)
@@ -175,7 +179,7 @@ class FrameTracker:
             background=background,
             detector=detector,
             previous=shown,
-            history=after(self.character.skeleton, before, shown.timestamp, answer.pose, self.tracker.angles),
+            history=self._after(before, shown.timestamp, answer.pose),
             lost=result.status == "lost",
             passed_over=(),
         )
@@ -246,13 +250,16 @@ class FrameTracker:
                 result = self.result(frame, answer, drawn, history, result.seconds)
                 revised.append(result)
             recent.append(Tracked(history, frame, result))
-            history = after(self.character.skeleton, history, frame.timestamp, result.pose, self.tracker.angles)
+            history = self._after(history, frame.timestamp, result.pose)
         return state._replace(recent=tuple(recent), history=history), revised
+
+    def _after(self, history: MotionHistory | None, timestamp: float, pose: Pose) -> MotionHistory:
+        return after(self.character.skeleton, history, timestamp, pose, self.tracker.angles, self.interval)
 
     def _lit_apart(self, state: TrackingState, shown: FrameImages) -> bool:
         """Whether a flash lights the frame, which is no selected one, so that it had better be passed over."""
-        history, previous = _known(state)
-        if shown.frame in self.observations.key_poses or history.steps > self.tracker.longest_flash:
+        _, previous = _known(state)
+        if shown.frame in self.observations.key_poses or len(state.passed_over) >= self.tracker.longest_flash:
             return False
         as_before = shown if previous.light is None else shown.in_light(previous.light)
         return lit_apart(as_before.images, previous.images)
@@ -262,10 +269,7 @@ class FrameTracker:
         history, _ = _known(state)
         limbs = len(self.evidence.distal)
         result = passed_over(self.character.skeleton, shown, history.pose, limbs)
-        state = state._replace(
-            passed_over=(*state.passed_over, result), recent=(), history=history._replace(steps=history.steps + 1)
-        )
-        return Step(state, result)
+        return Step(state._replace(passed_over=(*state.passed_over, result), recent=()), result)
 
     def _in_first_light(
         self, state: TrackingState, shown: FrameImages, clock: Clock

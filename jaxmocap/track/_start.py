@@ -98,7 +98,8 @@ def best_start(
     if best == 2:
         return pose
     if tracker.prediction and history.increments:
-        ahead = retract(skeleton, history.pose, jnp.asarray(history.steps * history.increments[-1]))
+        way = history.foreseen(frame.timestamp) * history.increments[-1]
+        ahead = retract(skeleton, history.pose, jnp.asarray(way))
         pose = _towards(score, frame, pose, clamp(skeleton, ahead))
     if tracker.detections is not None and bool((problem.keypoints[..., 2] > 0).any()):
         pose = _towards(score, frame, pose, _onto_detections(character, frame, pose))

@@ -125,9 +125,12 @@ def passed_over(skeleton: Skeleton, shown: FrameImages, pose: Pose, limbs: int) 
     )
 
 
-def poses_between(skeleton: Skeleton, results: Sequence[FrameResult], later: Pose) -> list[FrameResult]:
-    """Space frames passed over in a row evenly on the way from the pose of the frame before to a later pose."""
-    earlier, steps = results[0].pose, len(results) + 1
+def poses_between(
+    skeleton: Skeleton, results: Sequence[FrameResult], later: Pose, shares: Sequence[float]
+) -> list[FrameResult]:
+    """Place frames passed over in a row on the way from the pose of the frame before to a later pose: `shares` of the
+    time between the two have passed at each."""
+    earlier = results[0].pose
     way = difference(skeleton, earlier, nearest_equivalent(skeleton, later, earlier))
-    poses = [retract(skeleton, earlier, way * (number / steps)) for number in range(1, steps)]
+    poses = [retract(skeleton, earlier, way * share) for share in shares]
     return [replace(result, pose=pose) for result, pose in zip(results, poses, strict=True)]

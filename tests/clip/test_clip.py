@@ -68,6 +68,13 @@ def rows_of(skeleton, time, vectors) -> ClipRows:
     )
 
 
+def dropped(time: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Numbers of the frames that are left where two of five are missing, the first and the last not."""
+    left = np.random.default_rng(seed).random(len(time)) < 0.6
+    left[[0, -1]] = True
+    return np.flatnonzero(left)
+
+
 @pytest.mark.parametrize("speed", [0.25, 0.7])
 def test_a_body_that_moves_evenly_is_left_where_it_is(skeleton, speed):
     time, vectors = swinging(skeleton, 12)
@@ -77,6 +84,33 @@ def test_a_body_that_moves_evenly_is_left_where_it_is(skeleton, speed):
     solved = solve_clip(skeleton, poses, time)
     np.testing.assert_allclose(places_of(skeleton, solved.poses), places_of(skeleton, poses), atol=2e-5)
     assert solved.contacts == []  # feet that slide on do not stand
+
+
+def test_a_thrown_body_is_left_where_it_is_whichever_frames_are_missing(skeleton):
+    """Even acceleration has no jerk, if the time between frames counts: as if they were even, it moves by 2 cm."""
+    time = np.arange(40) / 30
+    time = time[dropped(time)]
+    vectors = np.zeros((len(time), skeleton.num_dofs))
+    vectors[:, 0], vectors[:, 1] = 5.0 * time, 6.0 * time - 4.905 * time**2
+    poses = poses_of(skeleton, vectors)
+    moved = [
+        np.abs(places_of(skeleton, solve_clip(skeleton, poses, told).poses) - places_of(skeleton, poses)).max()
+        for told in (time, np.arange(len(time)) / 30)
+    ]
+    assert moved[0] < 2e-4
+    assert moved[1] > 0.01
+
+
+def test_times_that_a_container_rounded_give_the_same_clip(skeleton):
+    """At 60 frames a second and 5 m/s a millisecond of rounding would pass for a jerk of 1600 m/s^3."""
+    time = np.arange(60) / 60
+    vectors = np.zeros((60, skeleton.num_dofs))
+    vectors[:, 0] = 5.0 * time
+    poses = poses_of(skeleton, vectors)
+    for ticks in (600, 1000):
+        solved = solve_clip(skeleton, poses, np.round(time * ticks) / ticks)
+        apart = places_of(skeleton, solved.poses) - places_of(skeleton, poses)
+        assert np.abs(apart).max() < 1e-4
 
 
 def test_sure_frames_stay_where_they_are(skeleton):
@@ -145,6 +179,17 @@ def test_a_foot_that_is_held_up_does_not_stand(skeleton):
     places[:, right] += 0.3 * UP
     assert {name[0] for name, _, _ in find_contacts(places, time, skeleton, UP)} == {"l"}
     assert find_contacts(places * [1, -1, 1], time, skeleton, UP) == []  # head down
+
+
+def test_no_foot_stands_over_a_gap_in_which_it_may_have_stepped(skeleton):
+    """Five centimetres in a second are slow, and a step that nobody saw."""
+    time, vectors = swinging(skeleton, 20)
+    vectors[:] = vectors[:1]
+    vectors[10:, 0] += 0.05
+    places = places_of(skeleton, poses_of(skeleton, vectors))
+    for gap, spans in ((1.0, {(0, 9), (10, 19)}), (0.2, {(0, 19)})):
+        contacts = find_contacts(places, time + np.where(np.arange(20) < 10, 0.0, gap), skeleton, UP)
+        assert {(first, last) for _, first, last in contacts} == spans
 
 
 def test_joint_limits_hold(skeleton):

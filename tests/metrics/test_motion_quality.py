@@ -10,7 +10,7 @@ import pytest
 from box_figure import box_character
 
 from jaxmocap.character import rest_pose
-from jaxmocap.metrics import foot_skate
+from jaxmocap.metrics import accelerations, foot_skate
 from jaxmocap.motion import Motion, turned
 
 CHARACTER = box_character()
@@ -77,6 +77,31 @@ def test_one_frame_below_the_ground_does_not_lower_it():
     clip = replace(motion, joints=long, frames=np.arange(60), timestamps=np.arange(60) / 10, **poses)
     speed = foot_skate(clip).speed
     np.testing.assert_allclose(speed, 0.1, rtol=1e-3)
+
+
+def test_over_a_gap_in_which_a_foot_may_have_stepped_nothing_is_known():
+    steps = np.array([0, 0, 0, 0.7, 0.7, 0.7])[:, None] * [1.0, 0, 0]
+    motion = replace(moved(steps), timestamps=TIMES + [0, 0, 0, 1, 1, 1])
+    speed = foot_skate(motion).speed
+    assert np.isnan(speed[2]).all()
+    np.testing.assert_allclose(np.delete(speed, 2, axis=0), 0, atol=1e-4)
+
+
+def test_accelerations_between_uneven_frames_are_those_of_a_throw():
+    times = np.array([0.0, 0.03, 0.04, 0.1, 0.11, 0.3])
+    places = (times[:, None] * [3.0, 5.0, 0.0] - times[:, None] ** 2 * [0.0, 4.905, 0.0])[:, None]
+    np.testing.assert_allclose(accelerations(places, times), np.tile([0, -9.81, 0], (4, 1, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("fps", "ticks", "missing"),
+    [(60.0, 1000, []), (60.0, 1000, [3, 11, 12, 30, 31, 32]), (29.97, 600, [3, 11, 12, 30, 31, 32]), (240.0, 600, [])],
+)
+def test_rounded_times_of_an_even_rate_accelerate_nothing(fps, ticks, missing):
+    """Whole milliseconds made 5 m/s^2 of an even walk at 60 frames a second."""
+    numbers = np.delete(np.arange(100), missing)
+    places = (numbers[:, None] / fps * [1.5, 0.0, 0.0])[:, None]
+    assert np.abs(accelerations(places, np.round(numbers / fps * ticks) / ticks)).max() < 0.05
 
 
 def test_a_single_frame_has_no_speed():

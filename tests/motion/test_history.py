@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jaxmocap._results import InputError
-from jaxmocap.character import landmark_positions, rest_pose, retract
-from jaxmocap.motion import after, predict_difference
+from jaxmocap.character import difference, landmark_positions, rest_pose, retract
+from jaxmocap.motion import MotionHistory, after, predict_difference
 from jaxmocap.rigging import body
 
 
@@ -103,8 +103,84 @@ def test_a_steady_turn_goes_on_where_a_ball_joint_changes_its_set_of_angles():
         history = after(skeleton, history, frame / 30, pose, "away_from_limits")
         rewritten += not np.allclose(history.pose.angles, pose.angles, atol=1e-3)
         for mode in ("velocity", "ridge"):
-            predicted = retract(skeleton, history.pose, jnp.asarray(history.predicted(mode), jnp.float32))
+            predicted = retract(
+                skeleton, history.pose, jnp.asarray(history.predicted(mode, (frame + 1) / 30), jnp.float32)
+            )
             following = retract(skeleton, pose, jnp.asarray(step))
             places = [np.asarray(landmark_positions(skeleton, one)) for one in (predicted, following)]
             np.testing.assert_allclose(places[0], places[1], atol=1e-3)
     assert 0 < rewritten < 44
+
+
+SKELETON = body().skeleton
+WAY = np.zeros(SKELETON.num_dofs, np.float32)
+WAY[[0, SKELETON.dof_names.index("l_elbow_flex"), SKELETON.dof_names.index("r_knee_flex")]] = 0.04, 0.05, 0.03
+
+
+def at(number: float):
+    """The pose after so many intervals of a motion that goes on evenly."""
+    return retract(SKELETON, rest_pose(SKELETON), jnp.asarray(number * WAY, jnp.float32))
+
+
+def followed(numbers, seconds, pose_at=at) -> MotionHistory:
+    """The history of frames taken at these numbers of intervals, whose times are told as `seconds`."""
+    history = None
+    for number, second in zip(numbers, seconds, strict=True):
+        history = after(SKELETON, history, second, pose_at(number), "same", 1 / 30)
+    return history
+
+
+@pytest.mark.parametrize("mode", ["ridge", "quadratic", "velocity"])
+@pytest.mark.parametrize("ahead", [1, 4, -3])
+def test_an_even_motion_goes_on_evenly_whichever_frames_are_missing(mode, ahead):
+    """Three missing frames were one step, and half the way of an arm at 1.5 radians a second was lost."""
+    way = np.sign(ahead)  # tracking runs backwards, too
+    numbers = way * np.array([0, 1, 2, 5, 6, 7, 10, 12, 13, 14])
+    history = followed(numbers, numbers / 30)
+    assert len(history.increments) == 14
+    np.testing.assert_allclose(history.increments, np.tile(way * WAY, (14, 1)), atol=1e-5)
+    following = numbers[-1] + ahead
+    np.testing.assert_allclose(history.predicted(mode, following / 30), ahead * WAY, atol=1e-4)
+
+
+def test_a_rate_that_varies_tells_the_speed_as_an_even_one():
+    rng = np.random.default_rng(0)
+    numbers = np.cumsum(rng.uniform(0.7, 1.4, 25))
+    history = followed(numbers, numbers / 30)
+    np.testing.assert_allclose(history.increments, np.tile(WAY, (24, 1)), rtol=0.06, atol=1e-6)
+    np.testing.assert_allclose(history.predicted("ridge", (numbers[-1] + 1.37) / 30), 1.37 * WAY, rtol=0.02, atol=1e-6)
+
+
+def test_rounded_times_change_no_bit():
+    numbers = np.arange(12)
+    told = [numbers / 30, np.round(numbers / 30 * 1000) / 1000]
+    even, rounded = (followed(numbers, seconds) for seconds in told)
+    np.testing.assert_array_equal(even.increments, rounded.increments)
+    predicted = [one.predicted("ridge", seconds) for one, seconds in ((even, 12 / 30), (rounded, 0.4))]
+    np.testing.assert_array_equal(*predicted)
+    last = np.asarray(difference(SKELETON, at(10), at(11)))
+    np.testing.assert_array_equal(even.increments[-1], last)  # as it is, divided by nothing
+
+
+def test_a_swing_is_followed_through_a_gap():
+    """Past a turning point the last step leads away; the autoregression comes back with it."""
+    swing = lambda number: at(8 * np.sin(2 * np.pi * number / 20))  # noqa: E731
+    history = followed(np.arange(25), np.arange(25) / 30, swing)
+    elbow = SKELETON.dof_names.index("l_elbow_flex")
+    true = np.asarray(difference(SKELETON, swing(24), swing(29)))[elbow]
+    errors = {mode: abs(history.predicted(mode, 29 / 30)[elbow] - true) for mode in ("ridge", "velocity")}
+    assert errors["ridge"] < 0.4 * errors["velocity"]
+
+
+def test_nobody_is_predicted_for_long():
+    history = followed(np.arange(10), np.arange(10) / 30)
+    np.testing.assert_allclose(history.predicted("velocity", 3.0), 7.5 * WAY, rtol=1e-3)
+    slow = after(SKELETON, None, 0.0, at(0), "same", 0.5)
+    slow = after(SKELETON, slow, 0.5, at(1), "same")
+    np.testing.assert_allclose(slow.predicted("velocity", 1.0), WAY, rtol=1e-3)
+
+
+def test_frames_at_the_same_time_give_no_speed_beyond_measure():
+    history = after(SKELETON, None, 0.0, at(0), "same", 1 / 30)
+    history = after(SKELETON, history, 0.0005, at(1), "same")
+    np.testing.assert_allclose(history.increments[-1], 2 * WAY, rtol=1e-3)

@@ -16,7 +16,7 @@ from jaxmocap.energies import search_energy
 from jaxmocap.motion import MotionHistory
 from jaxmocap.search import BodySearch, Evidence, SearchPlan
 from jaxmocap.track import Answer, BackwardSearch, FrameTracker, Tracker
-from jaxmocap.track._backward_search import _backwards, _refined, doubtful_run, limb_deviation
+from jaxmocap.track._backward_search import _backwards, _refined, _straightened, doubtful_run, limb_deviation
 from jaxmocap.track._state import Tracked
 
 LOST = 1
@@ -135,6 +135,46 @@ def test_a_limb_is_compared_with_halfway_and_not_with_where_the_body_went(world)
     shift = jnp.zeros(39).at[0].set(0.5)
     jumped = retract(skeleton, poses[1], shift)
     assert limb_deviation(skeleton, poses[0], jumped, poses[2], leg)[0] < 0.02
+
+
+def test_after_a_gap_a_limb_is_compared_with_where_it_would_be_by_then(world):
+    skeleton = world.character.skeleton
+    arm = skeleton.group("l_arm")
+    first, last = world.pose(0), arm_away(world, LOST)
+    for share in (0.2, 0.5, 0.75):
+        on_its_way = with_limb(first, last, arm, share)
+        assert limb_deviation(skeleton, first, on_its_way, last, arm, share)[0] < 1e-3
+    assert limb_deviation(skeleton, first, with_limb(first, last, arm, 0.2), last, arm)[0] > 0.1
+
+
+@pytest.mark.parametrize(("seconds", "searched"), [((0.1, 0.1), True), ((0.1, 0.3), False)])
+def test_a_limb_that_moves_evenly_over_a_gap_is_not_searched_from_halfway(world, seconds, searched):
+    """It was a quarter of the way there after a quarter of the time: by frames it was 9 cm from halfway and more."""
+    skeleton, asked = world.character.skeleton, []
+    arm = skeleton.group("l_arm")
+    first, last = world.pose(0), arm_away(world, LOST)
+    poses = [first, with_limb(first, last, arm, 0.25), last]
+    times = np.cumsum([0.0, *seconds])
+    search = SimpleNamespace(
+        limbs=[0],
+        groups=[SimpleNamespace(dofs=arm)],
+        character=world.character,
+        fps=10.0,
+        key_of=lambda frame, number: asked.append(frame),
+        group=lambda *given: (poses[1], None),
+        evidence=SimpleNamespace(draw=lambda pose, problem: pose, limb_shares=lambda drawn: [1.0]),
+    )
+    tracked = [
+        Tracked(
+            None if number == 0 else MotionHistory(times[number - 1], poses[number - 1], (), 0.1),
+            SimpleNamespace(number=number, problem=None, timestamp=times[number]),
+            None,
+        )
+        for number in range(3)
+    ]
+    settings = BackwardSearch(deviation=0.05, acceleration_limit=10.0)
+    assert _straightened(tracked, poses, 0, search, settings) == {}
+    assert bool(asked) is searched
 
 
 @pytest.mark.slow

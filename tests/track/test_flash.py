@@ -9,6 +9,7 @@ from jaxmocap.energies import search_energy
 from jaxmocap.motion import MotionHistory, after
 from jaxmocap.observation import FrameImages, lit_apart
 from jaxmocap.track import FrameTracker, Tracker, _frame
+from jaxmocap.verdict import passed_over, poses_between
 
 
 def lit(world, frame, rows=slice(None), by=2.0):
@@ -71,11 +72,30 @@ def test_light_that_stays_is_taken_for_what_it_is(world, tracker):
     assert tracker.track(state, lit(world, 2)).result.energy != {}
 
 
+def test_frames_passed_over_lie_where_their_times_are(world):
+    skeleton = world.character.skeleton
+    gone = [passed_over(skeleton, FrameImages(n, n / 30, []), world.pose(0), 4) for n in (1, 2)]
+    found = poses_between(skeleton, gone, world.pose(2), [0.25, 0.5])
+    way = np.asarray(difference(skeleton, world.pose(0), world.pose(2)))
+    for share, one in zip((0.25, 0.5), found, strict=True):
+        np.testing.assert_allclose(difference(skeleton, world.pose(0), one.pose), share * way, atol=1e-4)
+
+
+def test_a_missing_frame_counts_as_one_passed_over(world, tracker):
+    """The frame is not there at all: what moved in two intervals is no speed of one."""
+    tracker, state = tracker
+    state, result, revised = tracker.track(state, world.shown(2))
+    assert (result.frame, revised) == (2, ())
+    skeleton = world.character.skeleton
+    whole = np.asarray(difference(skeleton, world.pose(0), world.pose(2)))
+    np.testing.assert_allclose(state.history.increments, np.stack([whole / 2] * 2), atol=1e-6)
+
+
 def test_after_a_gap_the_motion_counts_per_frame(world):
     skeleton, window = world.character.skeleton, (np.full(39, 0.01, np.float32),) * 8
-    past = MotionHistory(world.shown(0).timestamp, world.pose(0), window, steps=2)
-    np.testing.assert_allclose(past.predicted("velocity"), 0.02, rtol=1e-5)
-    following = after(skeleton, past, world.shown(2).timestamp, world.pose(2), "same")
+    begin, end = world.shown(0).timestamp, world.shown(2).timestamp
+    past = MotionHistory(begin, world.pose(0), window, (end - begin) / 2)
+    np.testing.assert_allclose(past.predicted("velocity", end), 0.02, rtol=1e-5)
+    following = after(skeleton, past, end, world.pose(2), "same")
     whole = np.asarray(difference(skeleton, world.pose(0), world.pose(2)))
-    assert following.steps == 1
     np.testing.assert_allclose(following.increments[-2:], np.stack([whole / 2] * 2))
