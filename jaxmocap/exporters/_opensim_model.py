@@ -94,8 +94,8 @@ def write_osim_geometry(motion: Motion, folder: Path, form: ExportForm) -> None:
 def write_osim_setup(motion: Motion, path: Path, form: ExportForm) -> None:
     """Write settings with which OpenSim's inverse kinematics solves for the TRC of the same name.
 
-    A shoulder has two sets of the same angles, and markers alone may find the other: angles are drawn weakly to those of
-    the MOT, but in a motion of fewer than six frames, which OpenSim's splines refuse.
+    A shoulder has two sets of the same angles, and markers alone may find the other: angles are drawn to those of the
+    MOT, but in a motion of fewer than six frames, which OpenSim's splines refuse.
     """
     name = form.name.removesuffix(SETUP)
     document = ElementTree.Element("OpenSimDocument", Version="40000")

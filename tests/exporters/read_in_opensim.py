@@ -45,8 +45,7 @@ def placed(transform) -> np.ndarray:
 
 
 def solved(folder: Path, names: list[str]) -> np.ndarray:
-    """What OpenSim's inverse kinematics finds for the markers, by our settings, from some degrees beside the other angles
-    that put the shoulders where they are."""
+    """What OpenSim's inverse kinematics finds by our settings, from beside other angles of the same shoulders."""
     model = opensim.Model(str(folder / "dance.osim"))
     rng = np.random.default_rng(0)
     for number in range(model.getNumCoordinates()):
