@@ -188,6 +188,7 @@ def test_a_second_result_stands_to_the_right_when_side_by_side(viewer, world):
     right = np.array(shown.cameras.cam_from_world[0, 0, 0, :3])
     right[1] = 0.0  # up
     right /= np.linalg.norm(right)
+    viewer.go(1)  # the second result has no frame 0
     for beside, expected in ((True, 1.5 * right), (False, np.zeros(3))):
         viewer._beside.value = beside
         viewer._redraw()
