@@ -169,8 +169,9 @@ def _trust(motion: Motion, start: float, end: float) -> tuple[float, bool]:
     times = motion.timestamps
     frames = slice(max(int(np.searchsorted(times, start, "right")) - 1, 0), int(np.searchsorted(times, end)) + 1)
     points = [motion.joint_names.index(name) for name in _POINTS]
-    confidence = float(motion.confidence[frames, points].min())
-    return confidence, bool((motion.status[frames] == "ok").all() and confidence > 0)
+    known = motion.confidence[frames]
+    lost = (known[:, points] <= 0).any(axis=1) & known.any(axis=1)  # where no confidence is known, all are 0
+    return float(known[:, points].min()), bool((motion.status[frames] == "ok").all() and not lost.any())
 
 
 def _event(motion: Motion, foot: str, kind: str, seconds: float) -> GaitEvent:
