@@ -8,6 +8,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FILES = sorted([*(ROOT / "jaxmocap").rglob("*.py"), *(ROOT / "benchmarks").glob("*.py")])
 MODULES = {"pickle", "cPickle", "marshal", "shelve", "dill", "cloudpickle", "joblib"}
+PICKLE_READER = ROOT / "jaxmocap" / "datasets" / "_array_pickle.py"
+"""Of data sets that give pickles; its own tests show that it runs nothing."""
 CALLS = {"eval", "exec", "compile", "__import__", "system", "popen"}
 
 
@@ -42,8 +44,22 @@ def offences(source: str) -> list[str]:
 
 
 def test_no_file_runs_foreign_code():
-    wrong = [f"{path.relative_to(ROOT)}: {offence}" for path in FILES for offence in offences(path.read_text())]
-    assert not wrong, "\n".join(wrong)
+    wrong = [(path.relative_to(ROOT), offence) for path in FILES for offence in offences(path.read_text())]
+    reader = [offence for path, offence in wrong if ROOT / path == PICKLE_READER]
+    assert len(wrong) == len(reader), wrong
+    assert [words.split(" ", 2)[2] for words in reader] == ["imports pickle"]
+
+
+def test_the_reader_of_pickles_finds_no_class_by_itself():
+    tree = ast.parse(PICKLE_READER.read_text())
+    used = {
+        node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "pickle"
+    }
+    assert used == {"_Unpickler", "UnpicklingError", "BYTEARRAY8", "BINBYTES8"}
+    (reader,) = (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef) and node.bases)
+    assert [ast.unparse(base) for base in reader.bases] == ["pickle._Unpickler"]
+    assert [node.name for node in reader.body if isinstance(node, ast.FunctionDef)] == ["find_class"]
+    assert "super" not in ast.unparse(reader)
 
 
 @pytest.mark.parametrize(

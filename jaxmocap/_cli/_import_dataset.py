@@ -8,12 +8,12 @@ import tyro
 from jaxmocap._results import InputError
 
 from ._arguments import Json
-from ._output import show
+from ._output import say, show
 
 
 def import_dataset(
     dataset: Annotated[
-        Literal["humaneva-1", "humaneva-2", "tnt15", "biocv", "movi"],
+        Literal["humaneva-1", "humaneva-2", "tnt15", "biocv", "movi", "opencap"],
         tyro.conf.Positional,
         tyro.conf.arg(help="Which data set."),
     ],
@@ -39,11 +39,13 @@ def import_dataset(
     ] = None,
     json: Json = False,
 ) -> int:
-    """Make a capture of one sequence of HumanEva I or II, TNT15, BioCV or MoVi."""
+    """Make a capture of one sequence of HumanEva I or II, TNT15, BioCV, MoVi or OpenCap."""
     from jaxmocap.capture import Capture
     from jaxmocap.datasets import import_dataset
 
-    made = import_dataset(dataset, folder, out, sequence=sequence, cameras=cameras or None, frames=_span(frames))
+    made = import_dataset(
+        dataset, folder, out, sequence=sequence, cameras=cameras or None, frames=_span(frames), say=say
+    )
     capture = Capture.open(made)
     found = {"capture": str(made), "frames": capture.num_frames, "cameras": list(capture.camera_names)}
     show(found, lambda: f"{made}: {capture.num_frames} frames of {', '.join(capture.camera_names)}", json_wanted=json)

@@ -116,7 +116,8 @@ class CovarianceMatrixAdaptation(AbstractSampler):
 
     def ask(self, state: CovarianceState, key: PRNGKeyArray) -> Float[Array, "particle dof"]:
         strategy, params = self._strategy(state.start.shape[0])
-        population, _ = strategy.ask(key, state.inner, params)
+        with jax.default_matmul_precision("highest"):  # evosax leaves it to JAX
+            population, _ = strategy.ask(key, state.inner, params)
         return reflect(state.start + population * state.unit, state.proposal.lower, state.proposal.upper)
 
     def tell(
@@ -133,8 +134,9 @@ class CovarianceMatrixAdaptation(AbstractSampler):
         active = state.unit > 0
         population = jnp.where(active, (particles - state.start) / jnp.where(active, state.unit, 1.0), 0.0)
         ask_key, tell_key = jax.random.split(key)
-        _, decomposed = strategy.ask(ask_key, state.inner, params)  # the eigenvectors this generation was drawn with
-        inner, _ = strategy.tell(tell_key, population, fitness, decomposed, params)
+        with jax.default_matmul_precision("highest"):
+            _, decomposed = strategy.ask(ask_key, state.inner, params)  # eigenvectors this generation was drawn with
+            inner, _ = strategy.tell(tell_key, population, fitness, decomposed, params)
         inner = jax.tree.map(lambda new, old: jnp.asarray(new, old.dtype), inner, state.inner)
         after = CovarianceState(state.proposal, inner, state.start, state.unit)
         info = StepInfo(

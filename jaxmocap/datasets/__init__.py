@@ -1,5 +1,6 @@
 """Public data sets as captures. Nothing is downloaded: a reader says what to get and on which terms."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
@@ -8,6 +9,7 @@ from jaxmocap._results import InputError
 from ._biocv import BioCV as BioCV
 from ._humaneva import HUMANEVA_1, HUMANEVA_2, HumanEva as HumanEva, read_calibration as read_calibration
 from ._movi import MoVi as MoVi
+from ._opencap import OpenCap as OpenCap
 from ._sequence import (
     RecordedCamera as RecordedCamera,
     RecordedSequence as RecordedSequence,
@@ -46,6 +48,7 @@ DATASETS: dict[str, DatasetReader] = {
     "tnt15": TNT15(),
     "biocv": BioCV(),
     "movi": MoVi(),
+    "opencap": OpenCap(),
 }
 
 
@@ -57,13 +60,14 @@ def import_dataset(
     sequence: str | None = None,
     cameras: tuple[str, ...] | None = None,
     frames: tuple[int, int] | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> Path:
     """Make a capture of one sequence of a data set that lies in `folder`; return `out`.
 
-    `dataset` is "humaneva-1", "humaneva-2", "tnt15", "biocv" or "movi"; `sequence` such as "S1/Walking_1" may be left
-    out where there is only one; `cameras` replace the default ones; `frames` (start, stop) takes a part. The capture
-    still needs keypoints at a selected frame and, but for TNT15, an actor. Raises `InputError` for anything that is
-    missing or cannot be.
+    `dataset` is "humaneva-1", "humaneva-2", "tnt15", "biocv", "movi" or "opencap"; `sequence` such as "S1/Walking_1"
+    may be left out where there is only one; `cameras` replace the default ones; `frames` (start, stop) takes a part.
+    `say` is told what to know about the data. The capture still needs keypoints at a selected frame and, but for TNT15,
+    an actor. Raises `InputError` for anything that is missing or cannot be.
     """
     if dataset not in DATASETS:
         raise InputError(f"there is no reader for '{dataset}'; choose one of {', '.join(DATASETS)}.")
@@ -73,4 +77,8 @@ def import_dataset(
         raise InputError(
             f"{folder} holds no sequence of {reader.name}. Get it from {reader.download}. Licence: {reader.licence}."
         )
-    return write_sequence(reader.read(folder, named(found, sequence, folder), cameras), Path(out), frames)
+    recorded = reader.read(folder, named(found, sequence, folder), cameras)
+    made = write_sequence(recorded, Path(out), frames)
+    if say is not None and recorded.note:
+        say(recorded.note)
+    return made

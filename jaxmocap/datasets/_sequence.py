@@ -70,6 +70,7 @@ class RecordedSequence:
         joints: joint centres, metres in the world, NaN where not known; None where there are none.
         joint_names: their names, ours where they are the same joint.
         span: the frames (start, stop) of the pictures that are this sequence; all by default.
+        note: what to know about it, a sentence or two; nothing by default.
     """
 
     name: str
@@ -82,6 +83,7 @@ class RecordedSequence:
     joints: Float[np.ndarray, "sample joint 3"] | None = None
     joint_names: tuple[str, ...] = ()
     span: tuple[int, int] | None = None
+    note: str = ""
 
 
 def write_sequence(sequence: RecordedSequence, out: Path, frames: tuple[int, int] | None = None) -> Path:

@@ -19,7 +19,8 @@ from ._exporter import (
     checked_exporter as checked_exporter,
     export_motion as export_motion,
 )
-from ._gait import Gait as Gait, gait as gait, write_gait as write_gait
+from ._gait import gait as gait, write_gait as write_gait
+from ._gait_record import Gait as Gait
 from ._glb import write_glb as write_glb
 from ._isb import IsbAngles as IsbAngles, isb_angles as isb_angles
 from ._isb_tables import write_isb_csv as write_isb_csv, write_isb_mot as write_isb_mot

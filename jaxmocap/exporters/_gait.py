@@ -1,8 +1,8 @@
 """Spatio-temporal figures of gait: foot strikes, foot offs, strides, cadence, contact."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +14,9 @@ from jaxmocap.character import stature
 from jaxmocap.motion import Motion
 
 from ._exporter import ExportForm
+from ._gait_record import Gait, GaitEvent, Stride
 
+_POINTS = ("pelvis", "l_heel", "l_toe", "r_heel", "r_toe")
 _RATE = 100.0  # samples per second that the events are looked for in
 _CUT = 6.0  # Hz, of the low-pass filter usual for gait
 _AHEAD = 0.4  # seconds over which the way of walking is averaged
@@ -25,109 +27,45 @@ _STRIDE = (0.5, 2.5)  # seconds
 _METHOD = (
     "Foot strike: the heel is farthest before the pelvis along the way of walking; foot off: the toe is farthest "
     "behind it (Zeni et al. 2008). Contact is from one to the other. Seconds, metres, m/s; cadence in steps per "
-    "minute; stance and double support as shares of a stride."
+    "minute; stance and double support as shares of a stride. Standard deviations of a stride are those of the heels' "
+    "places; those of the summary are between strides, of which those that are not trusted are left out."
 )
 
 
-@dataclass(frozen=True)
-class GaitEvent:
-    """A foot that strikes the ground or leaves it.
+class _Walk(NamedTuple):
+    """A motion as gait is found in it, `_RATE` samples per second, on the two level axes."""
 
-    Attributes:
-        foot: "left" or "right".
-        kind: "strike" or "off".
-        seconds: when, as the motion's timestamps count.
-        frame: the nearest frame.
-        confidence: the lesser of the heel's and the toe's, in [0, 1].
-        trusted: whether that frame is.
-    """
+    motion: Motion
+    times: Float[np.ndarray, " sample"]
+    level: list[int]
+    way: Float[np.ndarray, "sample 2"]
+    heels: dict[str, Float[np.ndarray, "sample 2"]]
 
-    foot: str
-    kind: str
-    seconds: float
-    frame: int
-    confidence: float
-    trusted: bool
-
-
-@dataclass(frozen=True)
-class Stride:
-    """From one strike of a foot to its next; seconds, metres, shares of the stride.
-
-    Attributes:
-        foot: "left" or "right".
-        start: of the stride, seconds.
-        duration: seconds.
-        length: from where the heel stood to where it stands next, over the ground.
-        speed: m/s.
-        step_length: of the step that ends it, from the other heel.
-        step_width: between the heels, across the way of walking.
-        stance: share in which the foot stands.
-        double_support: share in which both do; NaN where the other foot's events are not known.
-    """
-
-    foot: str
-    start: float
-    duration: float
-    length: float
-    speed: float
-    step_length: float
-    step_width: float
-    stance: float
-    double_support: float
-
-
-@dataclass(frozen=True)
-class Gait:
-    """What a motion shows of walking; everything is empty where nobody walks.
-
-    Attributes:
-        events: in order of time.
-        strides: in order of time.
-        contact: per foot its intervals on the ground, seconds.
-    """
-
-    events: tuple[GaitEvent, ...]
-    strides: tuple[Stride, ...]
-    contact: dict[str, list[tuple[float, float]]]
-
-    def summary(self) -> dict[str, Any]:
-        """Summarise the strides: mean and standard deviation of each figure, and the cadence; empty without any."""
-        if not self.strides:
-            return {}
-        rows = [asdict(stride) for stride in self.strides]
-        figures = {name: np.array([row[name] for row in rows]) for name in rows[0] if name not in ("foot", "start")}
-        figures = {name: values[np.isfinite(values)] for name, values in figures.items()}
-        means = {
-            name: {"mean": float(values.mean()), "sd": float(values.std(ddof=1)) if len(values) > 1 else None}
-            for name, values in figures.items()
-            if len(values)
-        }
-        return {"strides": len(rows), "cadence": 120 / means["duration"]["mean"], **means}
+    def seconds(self, sample: float) -> float:
+        """Return the motion's time at a sample."""
+        return float(self.times[0] + sample / _RATE)
 
 
 def gait(motion: Motion) -> Gait:
     """Find the strides of somebody who walks over level ground, in a motion whose world is y up or z up."""
     nobody = Gait((), (), {"left": [], "right": []})
-    names = ("pelvis", *(f"{side}_{point}" for side in "lr" for point in ("heel", "toe")))
     count = int((motion.timestamps[-1] - motion.timestamps[0]) * _RATE) + 1
-    if count < _STRIDE[0] * _RATE or not set(names) <= set(motion.joint_names):
+    if count < _STRIDE[0] * _RATE or not set(_POINTS) <= set(motion.joint_names):
         return nobody
     times = motion.timestamps[0] + np.arange(count) / _RATE
     level = [axis for axis in range(3) if axis != "xyz".index(motion.up)]
-    places = motion.joints[:, [motion.joint_names.index(name) for name in names]].astype(np.float64)[..., level]
+    places = motion.joints[:, [motion.joint_names.index(name) for name in _POINTS]].astype(np.float64)[..., level]
     even = np.stack([[np.interp(times, motion.timestamps, one) for one in row.T] for row in places.swapaxes(0, 1)])
     pelvis, *feet = sosfiltfilt(butter(2, _CUT, fs=_RATE, output="sos"), even, axis=-1).swapaxes(1, 2)
     velocity = gaussian_filter1d(np.gradient(pelvis, 1 / _RATE, axis=0), _AHEAD * _RATE, axis=0, mode="nearest")
     speed = np.linalg.norm(velocity, axis=1)
     way, walks = velocity / np.maximum(speed, 1e-9)[:, None], speed > _SLOWEST
     reach = _REACH * float(stature(motion.character)) / 1.75
+    walk = _Walk(motion, times, level, way, {"left": feet[0], "right": feet[2]})
     found: dict[tuple[str, str], np.ndarray] = {}
-    heels: dict[str, np.ndarray] = {}
-    for number, foot in enumerate(("left", "right")):
-        heels[foot], toe = feet[2 * number], feet[2 * number + 1]
+    for foot, toe in (("left", feet[1]), ("right", feet[3])):
         for kind, ahead in (
-            ("strike", ((heels[foot] - pelvis) * way).sum(1)),
+            ("strike", ((walk.heels[foot] - pelvis) * way).sum(1)),
             ("off", -((toe - pelvis) * way).sum(1)),
         ):
             found[foot, kind] = _peaks(ahead, walks, reach)
@@ -139,13 +77,13 @@ def gait(motion: Motion) -> Gait:
             if len(between) != 1 or between[0] - start > _STRIDE[1] * _RATE:
                 continue
             last = end if np.isfinite(end) else between[0]
-            if ((holes[:, 0] < _time(times, last)) & (holes[:, 1] > _time(times, start))).any():
+            if ((holes[:, 0] < walk.seconds(last)) & (holes[:, 1] > walk.seconds(start))).any():
                 continue  # nobody knows how the feet went
-            contact[foot].append((_time(times, start), _time(times, between[0])))
+            contact[foot].append((walk.seconds(start), walk.seconds(between[0])))
             if np.isfinite(end) and _STRIDE[0] <= (end - start) / _RATE <= _STRIDE[1]:
                 opposite = [found[other, kind] for kind in ("strike", "off")]
-                strides.append(_stride(foot, start, between[0], end, times, way, heels[foot], heels[other], opposite))
-    events = [_event(motion, foot, kind, _time(times, at)) for (foot, kind), all_ in found.items() for at in all_]
+                strides.append(_stride(walk, foot, start, between[0], end, opposite))
+    events = [_event(motion, foot, kind, walk.seconds(at)) for (foot, kind), all_ in found.items() for at in all_]
     ordered = (sorted(events, key=lambda one: one.seconds), sorted(strides, key=lambda one: one.start))
     return Gait(tuple(ordered[0]), tuple(ordered[1]), contact) if strides else nobody
 
@@ -182,30 +120,22 @@ def _peaks(ahead: Float[np.ndarray, " sample"], walks: np.ndarray, reach: float)
     return at + 0.5 * (before - after) / np.minimum(before - 2 * here + after, -1e-12)
 
 
-def _stride(
-    foot: str,
-    start: float,
-    off: float,
-    end: float,
-    times: np.ndarray,
-    way: np.ndarray,
-    heel: np.ndarray,
-    other: np.ndarray,
-    opposite: list[np.ndarray],
-) -> Stride:
-    first, last = round(start), min(round(end), len(times) - 1)
-    along = way[last]
+def _stride(walk: _Walk, foot: str, start: float, off: float, end: float, opposite: list[np.ndarray]) -> Stride:
+    other = "right" if foot == "left" else "left"
+    first, last = round(start), min(round(end), len(walk.times) - 1)
+    heel, along = walk.heels[foot], walk.way[last]
     across = np.array([-along[1], along[0]])
-    duration = (end - start) / _RATE
-    length = float(np.linalg.norm(heel[last] - heel[first]))
-    apart = heel[last] - other[last]
+    duration, gone = (end - start) / _RATE, heel[last] - heel[first]
+    length, apart = float(np.linalg.norm(gone)), heel[last] - walk.heels[other][last]
     strikes, offs = (one[(one > start) & (one < end)] for one in opposite)
     both = np.nan
     if len(strikes) == 1 and len(offs) == 1 and offs[0] < strikes[0] < off:
         both = float((offs[0] - start + off - strikes[0]) / (end - start))
+    begins, ends = (_covariance(walk, foot, sample) for sample in (start, end))
+    step = ends + _covariance(walk, other, end)
     return Stride(
         foot,
-        _time(times, start),
+        walk.seconds(start),
         float(duration),
         length,
         float(length / duration),
@@ -213,7 +143,35 @@ def _stride(
         float(abs(apart @ across)),
         float((off - start) / (end - start)),
         both,
+        _deviation(begins + ends, gone / max(length, 1e-9)),
+        _deviation(step, along),
+        _deviation(step, across),
+        *_trust(walk.motion, walk.seconds(start), walk.seconds(end)),
     )
+
+
+def _covariance(walk: _Walk, foot: str, sample: float) -> Float[np.ndarray, "2 2"]:
+    """Find how uncertain a heel's place over the ground is, square metres; NaN where that is not known."""
+    motion = walk.motion
+    if motion.covariance is None:
+        return np.full((2, 2), np.nan)
+    frame = int(np.abs(motion.timestamps - walk.seconds(sample)).argmin())
+    heel = motion.joint_names.index(f"{foot[0]}_heel")
+    return motion.covariance[frame, heel][np.ix_(walk.level, walk.level)].astype(np.float64)
+
+
+def _deviation(covariance: Float[np.ndarray, "2 2"], way: Float[np.ndarray, "2"]) -> float:
+    return float(np.sqrt(np.maximum(way @ covariance @ way, 0.0)))
+
+
+def _trust(motion: Motion, start: float, end: float) -> tuple[float, bool]:
+    """Return the least confidence over the frames of a stride, and whether these are to be trusted."""
+    times = motion.timestamps
+    frames = slice(max(int(np.searchsorted(times, start, "right")) - 1, 0), int(np.searchsorted(times, end)) + 1)
+    points = [motion.joint_names.index(name) for name in _POINTS]
+    known = motion.confidence[frames]
+    lost = (known[:, points] <= 0).any(axis=1) & known.any(axis=1)  # where no confidence is known, all are 0
+    return float(known[:, points].min()), bool((motion.status[frames] == "ok").all() and not lost.any())
 
 
 def _event(motion: Motion, foot: str, kind: str, seconds: float) -> GaitEvent:
@@ -221,7 +179,3 @@ def _event(motion: Motion, foot: str, kind: str, seconds: float) -> GaitEvent:
     points = [motion.joint_names.index(f"{foot[0]}_{point}") for point in ("heel", "toe")]
     confidence = float(motion.confidence[frame, points].min())
     return GaitEvent(foot, kind, seconds, int(motion.frames[frame]), confidence, bool(motion.trusted[frame]))
-
-
-def _time(times: np.ndarray, sample: float) -> float:
-    return float(times[0] + sample / _RATE)

@@ -25,6 +25,10 @@ SETUP = "_ik.xml"
 """What is added to the name of a model to name the settings of OpenSim's inverse kinematics."""
 _ACCURACY = 1e-7
 """OpenSim's own 1e-5 ends degrees too early where a shoulder is near gimbal lock."""
+_PULL = 1e-4
+"""Weight of an angle (squared radians) beside a marker (squared metres), enough to choose between equivalent angles."""
+_SPLINE = 6
+"""Frames that OpenSim's splines through the angles need."""
 _INDEPENDENT = 0.5
 """Volume between three axes of a joint below which it is described from where they are at right angles."""
 _NOTE = (
@@ -88,20 +92,27 @@ def write_osim_geometry(motion: Motion, folder: Path, form: ExportForm) -> None:
 
 
 def write_osim_setup(motion: Motion, path: Path, form: ExportForm) -> None:
-    """Write settings with which OpenSim's inverse kinematics solves for the TRC of the same name."""
+    """Write settings with which OpenSim's inverse kinematics solves for the TRC of the same name.
+
+    A shoulder has two sets of the same angles, and markers alone may find the other: angles are drawn to those of the
+    MOT, but in a motion of fewer than six frames, which OpenSim's splines refuse.
+    """
     name = form.name.removesuffix(SETUP)
     document = ElementTree.Element("OpenSimDocument", Version="40000")
     tool = _add(document, "InverseKinematicsTool", name=name)
     _add(tool, "model_file", f"{name}.osim")
     _add(tool, "marker_file", f"{name}.trc")
+    known = (*PELVIS, *_named(motion.character.skeleton).angle_names) if len(motion) >= _SPLINE else ()
+    if known:
+        _add(tool, "coordinate_file", f"{name}.mot")
     _add(tool, "output_motion_file", f"{name}_ik.mot")
     _add(tool, "time_range", _numbers(*motion.timestamps[[0, -1]]))
     _add(tool, "accuracy", f"{_ACCURACY:g}")
     tasks = _add(_add(tool, "IKTaskSet", name="iktaskset"), "objects")
     for marker in marker_set(motion.character).names:
-        task = _add(tasks, "IKMarkerTask", name=marker)
-        _add(task, "apply", "true")
-        _add(task, "weight", "1")
+        _add_task(tasks, "IKMarkerTask", marker, 1.0)
+    for coordinate in known:
+        _add(_add_task(tasks, "IKCoordinateTask", coordinate, _PULL), "value_type", "from_file")
     ElementTree.indent(document)
     write_text(path, '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(document, "unicode") + "\n")
 
@@ -238,6 +249,13 @@ def _transform_axis(
         _add(_add(one, "Constant", name="function"), "value", "0")
     else:
         _add(_add(one, "LinearFunction", name="function"), "coefficients", _numbers(1.0, shift))
+
+
+def _add_task(tasks: ElementTree.Element, kind: str, name: str, weight: float) -> ElementTree.Element:
+    task = _add(tasks, kind, name=name)
+    _add(task, "apply", "true")
+    _add(task, "weight", f"{weight:g}")
+    return task
 
 
 def _add(parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str) -> ElementTree.Element:

@@ -60,7 +60,7 @@ def first_view(
             sides = np.insert([np.cos(azimuth), np.sin(azimuth)], axis, 0.0)
             away = np.cos(elevation) * sides + np.sin(elevation) * up
             eye = Eye(target + away, target, up)
-            distance = _MARGIN * _distance(points, eye, field_of_view, aspect)
+            distance = _MARGIN * distance_from(points, eye, field_of_view, aspect)
             eye = Eye(target + distance * away, target, up)
             worth = _worth(people, frusta, eye)
             if worth > best:
@@ -69,7 +69,7 @@ def first_view(
     return chosen
 
 
-def _distance(points: np.ndarray, eye: Eye, field_of_view: float, aspect: float) -> float:
+def distance_from(points: Float[np.ndarray, "point 3"], eye: Eye, field_of_view: float, aspect: float) -> float:
     """Compute from how far, along an eye's direction, all points are in its picture."""
     seen = (points - eye.target) @ eye.cam_from_world()[:3, :3].T
     tall = np.tan(field_of_view / 2)

@@ -14,7 +14,7 @@ from jaxmocap.capture import Capture
 from jaxmocap.character import dominant_bodies
 from jaxmocap.motion import Motion
 
-from ._first_view import FIELD_OF_VIEW, Eye, first_view
+from ._first_view import FIELD_OF_VIEW, Eye, distance_from, first_view
 from ._limb_trust import STATUS_COLOURS, faces_by_status, words_about
 from ._overlay import face_colours, paint_face_ids, to_pixels, write_words
 from ._shown import Shown, gather
@@ -23,6 +23,7 @@ from ._video import write_overlay_video
 _SIZE = (960, 720)
 _FINER = 2  # times that many pixels are painted, and averaged
 _TURN = 6.0  # seconds that one turn takes at least
+_AIR = 1.05  # times as far away as the body would just fit
 _SKY, _FLOOR, _LINES, _CAMERA = (238, 241, 245), (222, 226, 230), (196, 202, 208), (70, 74, 80)
 _SHADOW = 0.72  # of the floor's brightness
 _SUN = np.array([0.25, 1.0, 0.15])  # from where the shadow falls, y up
@@ -60,15 +61,37 @@ def write_movie(
 
 def turntable(shown: Shown) -> Iterator[tuple[float, UInt8[np.ndarray, "height width 3"]]]:
     """Yield `(seconds, RGB picture)`: the clip, over and over until one turn is done, from an eye that goes round."""
+    for seconds, index, eye in eyes(shown):
+        yield seconds, draw_scene(shown, index, eye)
+
+
+def eyes(shown: Shown) -> list[tuple[float, int, Eye]]:
+    """List seconds, position of the motion and eye of each picture of one turn, on a circle round the clip's middle.
+
+    The circle is a twentieth larger than the smallest one from which every picture holds all vertices of its frame.
+    """
     times = shown.motion.timestamps - shown.motion.timestamps[0]
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1 / 30
     length = float(times[-1]) + step
     rounds = max(int(np.ceil(_TURN / length - 1e-9)), 1)
-    first = _first(shown)
-    for number in range(rounds):
-        for index, seconds in enumerate(times + number * length):
-            eye = _turned(first, shown, 2 * np.pi * float(seconds) / (rounds * length))
-            yield float(seconds), draw_scene(shown, index, eye)
+    moments = [(float(moment) + number * length, i) for number in range(rounds) for i, moment in enumerate(times)]
+    people, _, axis = _scene(shown)
+    aspect, first = _SIZE[0] / _SIZE[1], _first(shown)
+    view = first_view(people, np.zeros((0, 5, 3)), axis, aspect)
+    away, begin = view.position - view.target, np.delete(first.position - first.target, axis)
+    away, start = away / np.linalg.norm(away), np.arctan2(begin[1], begin[0])
+
+    def eye_at(seconds: float, distance: float) -> Eye:
+        angle = start + 2 * np.pi * seconds / (rounds * length)
+        sides = np.linalg.norm(np.delete(away, axis)) * np.array([np.cos(angle), np.sin(angle)])
+        return Eye(view.target + distance * np.insert(sides, axis, away[axis]), view.target, view.up)
+
+    distance = 0.0
+    for index in range(len(times)):
+        points = _bodies(shown, index)[0]
+        for seconds, _ in moments[index :: len(times)]:
+            distance = max(distance, distance_from(points, eye_at(seconds, 1.0), FIELD_OF_VIEW, aspect))
+    return [(seconds, index, eye_at(seconds, _AIR * distance)) for seconds, index in moments]
 
 
 def draw_scene(shown: Shown, index: int, eye: Eye) -> UInt8[np.ndarray, "height width 3"]:
@@ -114,18 +137,6 @@ def _scene(shown: Shown) -> tuple[np.ndarray, np.ndarray, int]:
 def _first(shown: Shown) -> Eye:
     people, frusta, axis = _scene(shown)
     return first_view(people, frusta, axis, _SIZE[0] / _SIZE[1])
-
-
-def _turned(first: Eye, shown: Shown, angle: float) -> Eye:
-    """Go round the person: a nearer eye than the first view's, at its height, that still sees the whole clip."""
-    people, _, axis = _scene(shown)
-    view = first_view(people, np.zeros((0, 5, 3)), axis, _SIZE[0] / _SIZE[1])
-    away, begin = view.position - view.target, first.position - first.target
-    flat = np.delete(begin, axis)
-    radius = np.linalg.norm(np.delete(away, axis)) * 1.1
-    start = np.arctan2(flat[1], flat[0])
-    sides = radius * np.array([np.cos(start + angle), np.sin(start + angle)])
-    return Eye(view.target + np.insert(sides, axis, away[axis]), view.target, view.up)
 
 
 def _bodies(shown: Shown, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

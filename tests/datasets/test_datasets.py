@@ -1,5 +1,7 @@
-"""Small files in the forms of HumanEva, TNT15, BioCV and MoVi, written here, become captures."""
+"""Small files in the forms of HumanEva, TNT15, BioCV, MoVi and OpenCap, written here, become captures."""
 
+import os
+import pickle
 import subprocess
 import sys
 
@@ -252,6 +254,100 @@ def test_a_motion_of_movi_is_its_part_of_the_video_and_of_the_markers(tmp_path):
     savemat(tmp_path / "data" / "F_v3d_Subject_7.mat", {"Subject_7_F": {"move": {"flags30": [[1, 3]]}}})
     with pytest.raises(InputError, match="flags120, markerLocation, motions_list is not there"):
         import_dataset("movi", tmp_path / "data", tmp_path / "none")
+
+
+OPENCAP = "cameraIntrinsicsExtrinsics.pickle"
+
+
+def opencap_camera(number: int) -> dict:
+    """A phone that stands upright before a checkerboard whose y points down, millimetres."""
+    angle = 0.4 * (number - 2)
+    around = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
+    return {
+        "distortion": np.array([[0.1, -0.2, 0.001, -0.002, 0.2134]]),
+        "intrinsicMat": np.array([[70.0 + number, 0, 23.5], [0, 71.0, 31.5], [0, 0, 1]]),
+        "imageSize": np.array([[64], [48]]),
+        "rotation": around,
+        "translation": np.array([[100.0 * number], [50.0], [4000.0]]),
+        "rotation_EulerAngles": cv2.Rodrigues(around)[0],
+    }
+
+
+def write_opencap(base, below: str = "", protocol: int = 4) -> None:
+    """A trial of five frames from three phones in portrait."""
+    for number in (1, 2, 3):
+        folder = base / "subject2" / "VideoData" / "Session0" / f"Cam{number}"
+        path = folder / below / "DJ1" / "DJ1_syncdWithMocap.mp4"
+        path.parent.mkdir(parents=True)
+        with open_video(path, quality=4) as writer:
+            for frame in range(5):
+                writer.write(frame / 60, np.full((SIZE[0], SIZE[1], 3), shade(frame), np.uint8))
+        path.rename(path.with_suffix(".avi"))
+        (folder / OPENCAP).write_bytes(pickle.dumps(opencap_camera(number), protocol))
+
+
+@pytest.mark.parametrize(("below", "protocol"), [("", 0), ("", 2), ("InputMedia", 4), ("", 5)])
+def test_a_trial_of_opencap_has_its_cameras_in_a_world_with_y_up_and_no_truth(below, protocol, tmp_path):
+    write_opencap(tmp_path / "data", below, protocol)
+    said = []
+    capture = Capture.open(import_dataset("opencap", tmp_path / "data", tmp_path / "out", say=said.append))
+    assert "no truth" in said[0]
+    assert capture.name == "OpenCap-subject2-Session0-DJ1"
+    assert capture.camera_names == ("Cam1", "Cam2", "Cam3")
+    assert (capture.up, capture.num_frames, capture.truth) == ("y", 5, None)
+    assert capture.fps == pytest.approx(60, rel=1e-3)
+    cameras = capture.cameras
+    poses = np.asarray(cameras.cam_from_world)[:, 0]
+    turns = [opencap_camera(number)["rotation"].T @ poses[number - 1, :3, :3] for number in (1, 2, 3)]
+    np.testing.assert_allclose(turns, [turns[0]] * 3, atol=1e-6)
+    np.testing.assert_allclose(turns[0][:, 1], [0, -1, 0], atol=1e-6)
+    assert np.linalg.det(turns[0]) == pytest.approx(1)
+    np.testing.assert_allclose(poses[:, :3, 3], [[0.1 * number, 0.05, 4] for number in (1, 2, 3)], atol=1e-6)
+    np.testing.assert_allclose(np.asarray(cameras.intrinsics)[0], [[71, 0, 24], [0, 71, 32], [0, 0, 1]], atol=1e-5)
+    np.testing.assert_allclose(np.asarray(cameras.distortion)[1], [0.1, -0.2, 0.001, -0.002, 0.2134], atol=1e-6)
+
+
+class Evil:
+    def __init__(self, *call):
+        self.call = call
+
+    def __reduce__(self):
+        return self.call
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"rotation": Evil(os.system, ("touch evil",))}, "asks for posix.system"),
+        ({"rotation": Evil(eval, ("open('evil', 'w')",))}, "asks for builtins.eval"),
+        ({"rotation": Evil(np.load, ("evil.npy", None, True))}, "asks for numpy.load"),
+        ({"rotation": Evil(getattr, (np.eye(3), "tofile"))}, "asks for builtins.getattr"),
+        ({"rotation": [print]}, "asks for builtins.print"),
+        ({"rotation": np.array([{}], object)}, "type 'O8'"),
+        (np.eye(3), "holds something else than a dictionary"),
+        ({"rotation": 3}, "has nothing as intrinsicMat; 9 finite numbers were expected"),
+        ({**opencap_camera(1), "distortion": np.zeros(4)}, r"an array of shape \(4,\) as distortion; 5 finite numbers"),
+        ({**opencap_camera(1), "translation": np.full(3, np.nan)}, "as translation; 3 finite numbers"),
+        ({**opencap_camera(1), "rotation": np.zeros((3, 3))}, "holds no camera"),
+        ({**opencap_camera(1), "rotation": cv2.Rodrigues(np.array([0.8, 0, 0]))[0]}, "no axis of the checkerboard"),
+        ({**opencap_camera(1), "intrinsicMat": np.diag([70.0, 70, 1])}, "lies on its side"),
+        (b"", "is no pickle of arrays"),
+        (b"cnumpy\nndarray\n(I1\ntR.", "holds something else"),
+        (pickle.dumps(opencap_camera(1))[:-30], "is no pickle of arrays"),
+        (b"\x80\x05\x96" + (2**36).to_bytes(8, "little") + b"...", "is no pickle of arrays"),  # 64 GB of nothing
+        (b"\x80\x02K\x01r\xff\xff\xff\x7f.", "holds something else"),  # remembered as the 2147483647th
+        (bytes(2**20 + 1), "larger than a megabyte"),
+    ],
+)
+def test_a_pickle_that_is_no_camera_is_refused_in_one_sentence_and_runs_nothing(content, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_opencap(tmp_path / "data")
+    path = tmp_path / "data" / "subject2" / "VideoData" / "Session0" / "Cam1" / OPENCAP
+    path.write_bytes(content if isinstance(content, bytes) else pickle.dumps(content))
+    with pytest.raises(InputError, match=words) as caught:
+        import_dataset("opencap", tmp_path / "data", tmp_path / "out", cameras=("Cam1",))
+    assert "\n" not in str(caught.value)
+    assert [one.name for one in tmp_path.iterdir()] == ["data"]
 
 
 @pytest.mark.parametrize("dataset", sorted(DATASETS))

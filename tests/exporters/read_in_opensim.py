@@ -45,12 +45,15 @@ def placed(transform) -> np.ndarray:
 
 
 def solved(folder: Path, names: list[str]) -> np.ndarray:
-    """What OpenSim's inverse kinematics finds for the markers, by our settings, from some degrees beside."""
+    """What OpenSim's inverse kinematics finds by our settings, from beside other angles of the same shoulders."""
     model = opensim.Model(str(folder / "dance.osim"))
     rng = np.random.default_rng(0)
     for number in range(model.getNumCoordinates()):
         one = model.updCoordinateSet().get(number)
-        one.setDefaultValue(one.getDefaultValue() + rng.normal(0, np.radians(8)))
+        start, name = one.getDefaultValue(), one.getName()
+        if "shoulder" in name:
+            start = -start if name.endswith("abd") else start - np.copysign(np.pi, start)
+        one.setDefaultValue(start + rng.normal(0, np.radians(2)))
     model.initSystem()
     tool = opensim.InverseKinematicsTool(str(folder / "dance_ik.xml"))
     tool.setModel(model)

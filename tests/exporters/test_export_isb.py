@@ -248,3 +248,44 @@ def test_no_stride_goes_over_frames_that_are_missing():
         assert stride.start + stride.duration < 3.1 or stride.start > 4.5
     for start, end in (interval for intervals in found.contact.values() for interval in intervals):
         assert end < 3.1 or start > 4.5
+
+
+def test_strides_in_doubtful_or_lost_frames_say_so_and_are_left_out_of_the_means():
+    """The feet go astray at 2 to 3 s, and the right one is lost a while later."""
+    sound = walking(8.0)
+    joints, status, confidence = np.array(sound.joints), np.array(sound.status, "U8"), np.array(sound.confidence)
+    astray = (sound.timestamps > 2) & (sound.timestamps < 3)
+    heels = [sound.joint_names.index(f"{side}_heel") for side in "lr"]
+    joints[np.ix_(astray, heels)] += [0, 0, 0.25]
+    status[astray], confidence[astray] = "doubtful", 0.3
+    hidden = (sound.timestamps > 5) & (sound.timestamps < 5.2)
+    confidence[hidden, heels[1]] = 0
+    motion = replace(sound, joints=joints, status=status, confidence=confidence)
+    found = gait(motion)
+    expected = {(False, 0.3): 0, (False, 0.0): 0, (True, 1.0): 0}
+    for stride in found.strides:
+        frames = (motion.timestamps >= stride.start) & (motion.timestamps <= stride.start + stride.duration)
+        bad = [bool((frames & where).any()) for where in (astray, hidden)]
+        expected[not any(bad), 0.0 if bad[1] else 0.3 if bad[0] else 1.0] += 1
+        assert stride.trusted == (not any(bad))
+        assert stride.confidence == pytest.approx(0.0 if bad[1] else 0.3 if bad[0] else 1.0)
+    assert min(expected.values()) > 0, expected
+    told = found.summary()
+    assert told["strides"] + told["left_out"] == len(found.strides)
+    assert told["strides"] == expected[True, 1.0]
+    assert told["confidence"] == 1
+    assert told["length"]["mean"] == pytest.approx(SPEED * STRIDE, abs=0.03)
+    nothing = gait(replace(motion, status=np.full(len(motion), "doubtful"))).summary()
+    assert nothing == {"strides": 0, "left_out": len(found.strides)}
+
+
+def test_a_stride_s_deviations_are_those_of_the_heels():
+    motion = walking()
+    assert all(np.isnan(stride.length_sd) for stride in gait(motion).strides)
+    way, across = np.array([0.6, 0, 0.8]), np.array([0.8, 0, -0.6])
+    spread = 0.02**2 * np.outer(way, way) + 0.01**2 * np.outer(across, across) + 0.5**2 * np.diag([0, 1, 0])
+    known = replace(motion, covariance=np.broadcast_to(spread, (*motion.joints.shape[:2], 3, 3)))
+    for stride in gait(known).strides:
+        assert stride.length_sd == pytest.approx(0.02 * np.sqrt(2), rel=0.03)
+        assert stride.step_length_sd == pytest.approx(0.02 * np.sqrt(2), rel=0.03)
+        assert stride.step_width_sd == pytest.approx(0.01 * np.sqrt(2), rel=0.1)

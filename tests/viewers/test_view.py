@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import av
 import cv2
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,10 +14,11 @@ from scipy.spatial.transform import Rotation
 from jaxmocap._cli import run
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
+from jaxmocap.character import Pose, angles_at_rest
 from jaxmocap.motion import Motion
-from jaxmocap.synthetic import make_capture, write_capture
+from jaxmocap.synthetic import make_actor, make_capture, write_capture
 from jaxmocap.viewers import _turntable as turntable, view, write_rerun
-from jaxmocap.viewers._first_view import first_view
+from jaxmocap.viewers._first_view import FIELD_OF_VIEW, first_view
 from jaxmocap.viewers._limb_trust import body_status, words_about
 from jaxmocap.viewers._shown import gather
 from jaxmocap.viewers._turntable import draw_scene
@@ -186,6 +188,7 @@ def test_a_second_result_stands_to_the_right_when_side_by_side(viewer, world):
     right = np.array(shown.cameras.cam_from_world[0, 0, 0, :3])
     right[1] = 0.0  # up
     right /= np.linalg.norm(right)
+    viewer.go(1)  # the second result has no frame 0
     for beside, expected in ((True, 1.5 * right), (False, np.zeros(3))):
         viewer._beside.value = beside
         viewer._redraw()
@@ -349,9 +352,11 @@ def test_a_movie_turns_once_round_and_a_picture_is_the_first_view(world, tmp_pat
     step = float(np.median(np.diff(motion.timestamps)))
     assert len(frames) == FRAMES * int(np.ceil(0.3 / (FRAMES * step)))
     first = gather(motion)
-    eyes = [turntable._turned(turntable._first(first), first, angle).position for angle in (0, np.pi, 2 * np.pi)]
-    np.testing.assert_allclose(eyes[0], eyes[2], atol=1e-9)
-    np.testing.assert_allclose(np.delete(eyes[0] + eyes[1], 1) / 2, np.delete(_target(first), 1), atol=1e-9)
+    seconds, shown, eyes = zip(*turntable.eyes(first), strict=True)
+    assert shown == tuple(range(FRAMES)) * (len(frames) // FRAMES)
+    flat = np.delete([eye.position - _target(first) for eye in eyes], 1, axis=1)
+    angles = np.unwrap(np.arctan2(flat[:, 1], flat[:, 0])) - np.arctan2(flat[0, 1], flat[0, 0])
+    np.testing.assert_allclose(angles, 2 * np.pi * np.array(seconds) / (len(frames) * step), atol=1e-6)
     assert run(["view", str(tmp_path / "result"), "--movie", str(tmp_path / "first.png")]) == 0
     picture = cv2.imread(str(tmp_path / "first.png"))
     assert picture.shape == (720, 960, 3)
@@ -359,6 +364,29 @@ def test_a_movie_turns_once_round_and_a_picture_is_the_first_view(world, tmp_pat
     assert "exists already" in capsys.readouterr().err
     assert run(["view", str(tmp_path / "result"), "--movie", str(tmp_path / "first.gif")]) == 2
     assert ".mp4" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_movie_never_cuts_the_body(beside):
+    """Somebody runs past a clip's middle with their arms stretched out."""
+    character, times = make_actor(), np.arange(24) / 10
+    skeleton = character.skeleton
+    root = np.tile(np.eye(4), (24, 1, 1))
+    root[:, 0, 3], root[:, 1, 3] = 3 * (times - 1.2), 0.3 * np.sin(9 * times) ** 2
+    angles = np.tile(-angles_at_rest(skeleton), (24, 1))
+    poses = Pose(jnp.asarray(root, jnp.float32), jnp.asarray(angles, jnp.float32))
+    motion = Motion.from_poses(character, poses, np.arange(24), times)
+    shown = gather(motion, motion if beside else None)
+    half = np.tan(FIELD_OF_VIEW / 2)
+    room = []
+    for _, index, eye in turntable.eyes(shown):
+        pose, vertices = eye.cam_from_world(), motion.vertices(index)
+        vertices = np.concatenate([vertices, vertices + shown.aside()]) if beside else vertices
+        seen = vertices @ pose[:3, :3].T + pose[:3, 3]
+        assert (seen[:, 2] > 0).all()
+        room.append(1 - np.abs(seen[:, :2] / seen[:, 2:] / half / [4 / 3, 1]).max())
+    assert len(room) == 72
+    assert 0 < min(room) < 0.1  # not far away either
 
 
 def _target(shown) -> np.ndarray:
