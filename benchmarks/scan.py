@@ -69,6 +69,14 @@ def swaying(actor: Character, count: int, sway: float, seed: int) -> np.ndarray:
     )
 
 
+def companion(away: float, seed: int) -> tuple[Subject, np.ndarray]:
+    """Somebody taller in other clothes, who stands on the ground so many metres away from the origin, and vertices."""
+    template, vertices = make_actor(), np.asarray(make_actor(1.86).vertices, float)
+    outfit = Outfit.make(seed + 1000, "patterned", (2, 0, 1))
+    subject = Subject(np.asarray(template.vertices, np.float32), np.asarray(template.faces), outfit)
+    return subject, vertices + np.array([0.6 * away, -vertices[:, 1].min(), 0.8 * away])
+
+
 def synthetic(views: int, seed: int, sway: float = 0.0, compensated: bool = False) -> list[Figure]:
     """Scan the synthetic actor from so many views, and measure; `compensated`: also with its sway looked for."""
     actor, rng = make_actor(), np.random.default_rng(seed)
@@ -92,8 +100,13 @@ def synthetic(views: int, seed: int, sway: float = 0.0, compensated: bool = Fals
     return [*figures, *scored(label, scans, actor, lift)]
 
 
-def walk(seed: int, sway: float = 0.0, uncompensated: bool = False, frames: int = 160) -> list[Figure]:
-    """Film the synthetic actor once around, scan the video, and measure; `uncompensated`: also as if nobody swayed."""
+def walk(
+    seed: int, sway: float = 0.0, uncompensated: bool = False, beside: float | None = None, frames: int = 160
+) -> list[Figure]:
+    """Film the synthetic actor once around, scan the video, and measure.
+
+    `uncompensated`: also as if nobody swayed; somebody else stands `beside`, so many metres away.
+    """
     actor, rng = make_actor(), np.random.default_rng(seed)
     vertices, faces = np.asarray(actor.vertices, float), np.asarray(actor.faces)
     lift = np.array([0, -vertices[:, 1].min(), 0])
@@ -101,18 +114,19 @@ def walk(seed: int, sway: float = 0.0, uncompensated: bool = False, frames: int 
     scene, shake = make_scene(seed), cv2.GaussianBlur(rng.standard_normal((frames, 6)), (1, 0), sigmaX=1, sigmaY=8)
     poses = circle(frames, shake / shake.std())
     intrinsics = np.array([[FOCAL, 0, SIZE[0] / 2], [0, FOCAL, SIZE[1] / 2], [0, 0, 1]])
-    moved = swaying(actor, frames, sway, seed)
+    moved, others = swaying(actor, frames, sway, seed), [] if beside is None else [companion(beside, seed)]
     with tempfile.TemporaryDirectory() as place:
         video = Path(place) / "walk.mp4"
         with open_video(video, quality=18) as writer:
             for number, (body, pose) in enumerate(zip(moved, poses, strict=True)):
-                drawn = render_view(scene, subject, body, intrinsics, pose, SIZE)
+                drawn = render_view(scene, subject, body, intrinsics, pose, SIZE, bystanders=others)
                 writer.write(number / 30, develop(drawn.light, rng))
         begin = time.perf_counter()
-        names, views = read_views(video, height=float(np.ptp(vertices[:, 1])), say=print)
+        shown = read_views(video, height=float(np.ptp(vertices[:, 1])), say=print)
+    names, views = shown.names, shown.views
     scans = {"scan": reconstruct(views, swaying=True)}
     seconds, label = time.perf_counter() - begin, f"synthetic walk, {len(names)} views"
-    label += f", sway {100 * sway:g} cm" if sway else ""
+    label += (f", sway {100 * sway:g} cm" if sway else "") + (f", {beside:g} m from somebody" if beside else "")
     true = poses[[int(name.removeprefix("frame")) for name in names]]
     placed = align_cameras(views.cam_from_world, true)
     away, angle = camera_residuals(placed, views.cam_from_world, true)
@@ -162,7 +176,7 @@ def apart(found: Scan, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndar
 
 def standing(folder: Path) -> list[Figure]:
     """Scan the real person from a part of the views, and compare with the masks of the others."""
-    figures, (_, views) = [], read_views(folder / "pictures", folder / "cameras", folder / "masks")
+    figures, views = [], read_views(folder / "pictures", folder / "cameras", folder / "masks").views
     number = np.arange(len(views.masks))
     for used in (number % 2 == 0, np.isin(number, np.linspace(0, len(number), 8, endpoint=False).astype(int))):
         found = reconstruct(views.only(used))
@@ -171,10 +185,11 @@ def standing(folder: Path) -> list[Figure]:
         figures.append(record(f"{label}, mean", float(overlap.mean()), "%", 0.01, "higher"))
         figures.append(record(f"{label}, worst", float(overlap.min()), "%", 0.01, "higher"))
     begin = time.perf_counter()
-    _, alone = read_views(folder / "pictures", height=STANDING_HEIGHT, say=print)
+    alone = read_views(folder / "pictures", height=STANDING_HEIGHT, say=print).views
     found, label = reconstruct(alone), "real, 20 pictures alone"
     figures.append(record(f"{label}: seconds", time.perf_counter() - begin, "s", 0.5))
-    _, views = read_views(folder / "pictures", None, folder / "masks", STANDING_HEIGHT)  # these cameras, others' masks
+    theirs = read_views(folder / "pictures", None, folder / "masks", STANDING_HEIGHT)  # these cameras, others' masks
+    views = theirs.views
     placed = align_cameras(alone.cam_from_world, views.cam_from_world)(found.vertices)
     overlap = 100 * overlaps(placed, found.faces, views)
     figures.append(record(f"{label}: overlap with others' masks, mean", float(overlap.mean()), "%", 0.01, "higher"))
@@ -187,6 +202,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sway", type=float, nargs="*", default=[])
     parser.add_argument("--walk", action="store_true")
+    parser.add_argument("--beside", type=float, help="metres from the actor of the walk to somebody else")
     parser.add_argument("--standing", type=Path)
     add_options(parser)
     options = parser.parse_args()
@@ -194,7 +210,9 @@ def main() -> int:
     figures = [figure for views, sway in cases for figure in synthetic(views, options.seed, sway, bool(options.sway))]
     if options.walk:
         figures += [
-            figure for sway in options.sway or [0.0] for figure in walk(options.seed, sway / 100, bool(options.sway))
+            figure
+            for sway in options.sway or [0.0]
+            for figure in walk(options.seed, sway / 100, bool(options.sway), options.beside)
         ]
     if options.standing:
         figures += standing(options.standing)
