@@ -82,8 +82,8 @@ def write_views(folder: Path, shown: ScanViews, images: Iterable[UInt8[np.ndarra
 def read_folder(folder: Path) -> tuple[ScanViews, Iterator[UInt8[np.ndarray, "height width 3"]]]:
     """Read a folder of views, masks as they are now; a view whose picture was deleted is left out.
 
-    Also gives the pictures as `write_views` takes them.
-    Raises `InputError` where it is not as it was written, but for the masks.
+    Also gives the pictures as `write_views` takes them. Raises `InputError` where anything but masks is not as it was
+    written.
     """
     record = _read_record(folder / RECORD)
     known = {name: view for name, view in record.views.items() if _file(folder, "pictures", name).is_file()}

@@ -67,13 +67,13 @@ def read_views(
         if height is not None and shown.height is None:
             shown.views.cam_from_world[:, :3, 3] *= height / person_place(shown.views)[1]
             shown = shown._replace(height=height)
+        if height is not None and height != shown.height:
+            raise InputError(
+                f"{pictures} is of somebody {shown.height} m tall, and the height that is given is {height:g} m; scan "
+                "the video or the pictures again for another height."
+            )
         if keep_views is not None:
             write_views(Path(keep_views), shown, images)
-    if height is not None and height != shown.height:
-        raise InputError(
-            f"{pictures} is of somebody {shown.height} m tall, and the height that is given is {height:g} m; scan the "
-            "video or the pictures again for another height."
-        )
     return shown
 
 

@@ -133,9 +133,10 @@ def test_views_with_masks_that_were_given_take_the_height_later(standing, tmp_pa
         ({"focal": 300.0}, "leave --focal out"),
     ],
 )
-def test_what_does_not_go_with_kept_views_is_refused(kept, options, sentence):
+def test_what_does_not_go_with_kept_views_is_refused(kept, options, sentence, tmp_path):
     with pytest.raises(InputError, match=sentence):
-        read_views(kept[1], **options)
+        read_views(kept[1], **options, keep_views=tmp_path / "more")
+    assert not (tmp_path / "more").exists()
 
 
 def test_a_folder_that_is_not_as_it_was_written_gets_a_sentence(kept, standing):
