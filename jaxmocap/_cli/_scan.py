@@ -18,7 +18,8 @@ def scan(
         tyro.conf.Positional,
         tyro.conf.arg(
             metavar="VIDEO|DIR",
-            help="A video once around a person who stands still, or a folder of pictures from all around, JPEG or PNG.",
+            help="A video once around a person who stands still, a folder of pictures from all around, JPEG or PNG, or "
+            "what --keep-views wrote.",
         ),
     ],
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.glb", help="New file for the actor.")],
@@ -37,6 +38,14 @@ def scan(
             metavar="DIR",
             help="The person in each picture, white, PNG files of the pictures' names.",
             help_behavior_hint="(default: found, by a detector and the built-in body)",
+        ),
+    ] = None,
+    keep_views: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="DIR",
+            help="New folder for pictures, masks and how sure each is; correct masks and give it instead of the video.",
+            help_behavior_hint="",
         ),
     ] = None,
     triangles: Annotated[int, tyro.conf.arg(metavar="N", help="Triangles of the actor, about.")] = 5000,
@@ -80,6 +89,7 @@ def scan(
             cameras=cameras,
             masks=masks,
             height=height,
+            keep_views=keep_views,
             focal=focal,
             weights=weights,
             num_faces=triangles,

@@ -18,6 +18,7 @@ from jaxmocap.registration import (
     PersonMask,
     SegmentationSettings,
     fit_character,
+    measurable,
     segment_person,
     usable_frames,
 )
@@ -77,7 +78,7 @@ def character_of(
         return MadeBody(open_actor(named, say))
     generic = body(height)
     frames = _frames(capture)
-    if len(frames) < FEWEST_FRAMES:
+    if not measurable(capture, frames):
         why = _too_few(capture, len(frames))
         if height is None:
             raise InputError(
@@ -119,7 +120,7 @@ def no_actor(capture: Capture) -> Finding:
     if capture.cameras_path is None:
         told = "no actor is named: the built-in body is made to measure once there are cameras and keypoints"
         return Finding("note", "actor", told)
-    if len(frames) >= FEWEST_FRAMES:
+    if measurable(capture, frames):
         own = ", ".join(str(capture.video_frames[0, frame]) for frame in frames)
         told = (
             f"no actor is named: the built-in body is made to measure at frames {own}; say how tall the person is with "

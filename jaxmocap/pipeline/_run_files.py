@@ -19,6 +19,7 @@ from jaxmocap.detection import (
 from jaxmocap.rigging import refuse_unreadable_actor
 
 from ._run_options import RunOptions
+from ._scan_folder import RECORD as VIEWS_RECORD
 from ._scan_frames import index_of_walk
 from ._scan_views import pictures_in
 
@@ -37,8 +38,10 @@ def examine_files(
             raise InputError(f"--{what} {path} does not exist")
     if options.actor is not None:
         refuse_unreadable_actor(options.actor)
-    if options.scan is not None:
-        index_of_walk(options.scan) if options.scan.is_file() else pictures_in(options.scan)
+    if options.scan is not None and options.scan.is_file():
+        index_of_walk(options.scan)
+    elif options.scan is not None and not (options.scan / VIEWS_RECORD).is_file():
+        pictures_in(options.scan)
     if options.keypoints is not None:
         _examine_keypoints(options.keypoints, indices, names, layout)
     if options.keypoints is None or options.scan is not None:

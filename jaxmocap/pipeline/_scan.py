@@ -9,14 +9,18 @@ from jaxtyping import UInt8
 
 from jaxmocap._files import atomic_path
 from jaxmocap._results import InputError
+from jaxmocap.registration import SegmentationSettings
 from jaxmocap.rigging import RiggedMesh, refuse_number_of_triangles, rig
 from jaxmocap.scan import Scan, reconstruct, vertex_colours
 
 from ._detect import Report, Say
+from ._scan_folder import RECORD, ScanViews
 from ._scan_views import read_views, widest_gap
 
 POOR = 0.85
 """Overlap of the surface's silhouette and a mask below which somebody had better look at the mask."""
+
+_LOOK = "look at it and correct it with --keep-views DIR"
 
 
 @dataclass(frozen=True)
@@ -28,8 +32,8 @@ class ScannedActor:
         rigged: the actor that was made of it.
         colours: of the actor's vertices, sRGB, for viewers.
         report: what was found, as JSON knows it: `views`, `left_out`, `widest_gap_degrees` around the person,
-            `overlap` by view, `sway_cm` of somebody who was filmed and did not stand quite still, `scanned_triangles`,
-            and what `rig` reports.
+            `overlap` and `masks` (where each comes from, and how sure it is) by view, `sway_cm` of somebody who was
+            filmed and did not stand quite still, `scanned_triangles`, and what `rig` reports.
     """
 
     scan: Scan
@@ -45,6 +49,7 @@ def scan(
     cameras: str | Path | None = None,
     masks: str | Path | None = None,
     height: float | None = None,
+    keep_views: str | Path | None = None,
     focal: float | None = None,
     weights: str | Path | None = None,
     num_faces: int = 5000,
@@ -61,6 +66,10 @@ def scan(
     of the pictures or of the video). `masks` is a folder of PNG files with the pictures' names, white on the person.
     Without masks the person is detected (extra `detect`) and cut out around the built-in body (`find_outlines`).
 
+    `keep_views` is a new folder for what is looked at: `pictures` without distortion, `masks` and `overlays` of both,
+    PNG files, and `views.json` with cameras and how sure each mask is. Given as `pictures`, masks corrected in any
+    program, it is scanned again: nothing is looked for, and views whose pictures were deleted are left out.
+
     `weights` are the detector's networks, for a machine without a network.
 
     `height`, metres, tells the size; it may be left out where masks and cameras in metres are given. Writes a GLB to
@@ -73,9 +82,14 @@ def scan(
     if out is not None and Path(out).suffix.lower() != ".glb":
         raise InputError(f"{out}: a scan is written as GLB; choose a name that ends in .glb.")
     told = {"focal": focal, "weights": weights, "seed": seed, "say": say, "progress": progress}
-    names, views = read_views(pictures, cameras, masks, height, **told)
+    shown = read_views(pictures, cameras, masks, height, keep_views=keep_views, **told)
+    names, views, height = shown.names, shown.views, shown.height
+    if doubtful := _doubtful(shown):
+        place = keep_views or pictures
+        how = f"correct {Path(place) / 'masks'} and scan {place}" if (Path(place) / RECORD).is_file() else _LOOK
+        say(f"The outline is doubtful in {', '.join(doubtful)}: {how}.")
     progress("surface", 0, 1)
-    found = reconstruct(views, swaying=Path(pictures).is_file())
+    found = reconstruct(views, swaying=shown.filmed)
     progress("surface", 1, 1)
     rigged = rig(
         (found.vertices, found.faces),
@@ -97,6 +111,7 @@ def scan(
         "left_out": left_out,
         "widest_gap_degrees": round(widest_gap(views.cam_from_world), 1),
         "overlap": {name: round(float(share), 4) for name, share in zip(names, found.overlap, strict=True)},
+        "masks": dict(zip(names, shown.masks, strict=True)),
         "sway_cm": None if found.sway is None else round(100 * found.sway.extent, 2),
         "scanned_triangles": len(found.faces),
         **rigged.report,
@@ -111,3 +126,9 @@ def scan(
         with atomic_path(Path(out)) as temporary:
             rigged.character.save_glb(temporary, colours)
     return ScannedActor(found, rigged, colours, report)
+
+
+def _doubtful(shown: ScanViews) -> list[str]:
+    """List the views in which a mask that was found is not sure, and how sure it is."""
+    sure = {name: one.get("confidence", 1.0) for name, one in zip(shown.names, shown.masks, strict=True)}
+    return [f"{name} ({value:.2f})" for name, value in sure.items() if value < SegmentationSettings().warn_below]

@@ -18,6 +18,7 @@ from jaxmocap.calibration import PARTS_OF_HEIGHT, SubjectView, fit_scale, triang
 from jaxmocap.camera import Cameras, look_at_point, world_from_upright, write_cameras
 from jaxmocap.capture import Capture, Undistortion, camera_names, video_names
 from jaxmocap.geometry import camera_centres
+from jaxmocap.registration import PersonMask
 
 from ._defaults import with_person_masks
 from ._detect import Report, Say, detect
@@ -26,14 +27,24 @@ from ._made_to_measure import character_of
 MOVED = 0.06
 """Metres that joints of a person who stands still may lie from where all pictures put them, in the median."""
 
+MEASURED = 16
+"""Views, at most, that the built-in body is made to measure in; more tell hardly anything and take longer."""
+
 _USUAL_DISTANCE = 2.5  # metres from camera to person, until the person tells the scale
 _CONFIDENT = 0.3
 
 
 class Outlines(NamedTuple):
-    """The person in pictures: masks without distortion, and the cameras in metres, as the person's height says."""
+    """The person in pictures.
+
+    Attributes:
+        masks: without distortion.
+        people: the same in the size that they were found in, and how sure they are.
+        cameras: in metres, as the person's height says.
+    """
 
     masks: Bool[np.ndarray, "view height width"]
+    people: tuple[PersonMask, ...]
     cameras: Cameras
 
 
@@ -48,9 +59,10 @@ def find_outlines(
 ) -> Outlines:
     """Find the person in pictures of one moment, or of somebody who stands still.
 
-    The pictures become the cameras of a capture of one frame: a detector finds keypoints, whose bones tell the scale of
-    the cameras' world from the person's `height` in metres; the built-in body is registered to them, and colours decide
-    along its outline. Raises `InputError` where the detector cannot be had or finds nobody, and where the person moved.
+    The pictures become the cameras of a capture of one frame: a detector finds keypoints of the person whom the cameras
+    look at, whose bones tell about the scale of the cameras' world from the person's `height` in metres; the built-in
+    body is made to measure, which tells it better, and colours decide along its outline. Raises `InputError` where the
+    detector cannot be had or finds nobody, and where the person moved.
     """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -58,23 +70,49 @@ def find_outlines(
         videos = video_names(files, names)
         for name, file in videos.items():
             shutil.copyfile(file, folder / name)
-        upright = replace(cameras, cam_from_world=_upright(cameras))
+        upright = replace(cameras, names=tuple(names), cam_from_world=_upright(cameras))
         poses = np.asarray(upright.cam_from_world, np.float64)[:, 0]
         upright = _scaled(upright, _USUAL_DISTANCE / _distance(poses))
         _write_capture(folder, dict(zip(names, videos, strict=True)), upright)
-        detect(folder, weights=weights, say=say, progress=progress)
-        upright = _scaled(upright, person_scale(upright, _keypoints(Capture.open(folder)), height))
+        crowded = _detect(folder, upright, weights, say, progress)
+        seen = _keypoints(Capture.open(folder))
+        upright = _scaled(upright, person_scale(upright, seen, height, [files[view].name for view in crowded]))
         _write_capture(folder, dict(zip(names, videos, strict=True)), upright)
-        capture = Capture.open(folder)
-        character = character_of(capture, height=height, key=key, progress=progress).character
+        few = Capture.open(_some_views(folder / "capture.toml"))
+        made = character_of(few, height=height, scale_cameras=True, key=key, progress=progress)
+        upright = _scaled(upright, made.camera_scale)
+        _write_capture(folder, dict(zip(names, videos, strict=True)), upright)
         say("The masks are found: the person is detected, and cut out around the built-in body.")
-        complete, _ = with_person_masks(capture, character, key=key, progress=progress)
-        masks = [complete.mask(camera, 0) for camera in range(len(files))]
-    for file, mask in zip(files, masks, strict=True):
-        if mask is None or not mask.any():
+        _, found = with_person_masks(Capture.open(folder), made.character, key=key, progress=progress)
+    people = found[0]
+    for file, one in zip(files, people, strict=True):
+        if not one.mask.any():
             raise InputError(f"nobody is found in {file.name}; take the picture out, or give masks with --masks.")
-    pairs = zip(masks, cameras.sizes, strict=True)
-    return Outlines(np.stack([_enlarged(mask, size) for mask, size in pairs if mask is not None]), upright)
+    pairs = zip(people, cameras.sizes, strict=True)
+    return Outlines(np.stack([_enlarged(one.mask, size) for one, size in pairs]), people, upright)
+
+
+def _detect(folder: Path, cameras: Cameras, weights: str | Path | None, say: Say, progress: Report) -> list[int]:
+    """Find the keypoints of the person in the middle of what the cameras look at; return the views that show others."""
+    poses = np.asarray(cameras.cam_from_world, np.float64)[:, 0]
+    middle = look_at_point(poses)
+    at = {}
+    for view, (name, size) in enumerate(zip(cameras.names, cameras.sizes, strict=True)):
+        intrinsics = np.asarray(cameras.intrinsics, np.float64)[view]
+        image = intrinsics @ (poses[view, :3, :3] @ middle + poses[view, :3, 3])
+        lens = Undistortion(intrinsics, np.asarray(cameras.distortion)[view], size)
+        pixel = lens.recorded_points(image[None, :2] / image[2])[0]
+        at[name] = tuple(np.clip(pixel, 0, np.array(size) - 1))
+    of_views = tuple(f"{name}: " for name in cameras.names)
+    tell = lambda sentence: None if sentence.startswith(of_views) else say(sentence)  # noqa: E731 - forty alike
+    record = detect(folder, weights=weights, person=at, say=tell, progress=progress).record["cameras"]
+    crowded = [view for view, name in enumerate(cameras.names) if record[name]["notes"]]
+    if crowded:
+        say(
+            f"Several people are seen in {len(crowded)} of {len(at)} pictures; the one in the middle of what the "
+            "cameras look at is scanned."
+        )
+    return crowded
 
 
 def _write_capture(folder: Path, pictures: Mapping[str, str], cameras: Cameras) -> None:
@@ -87,11 +125,22 @@ def _write_capture(folder: Path, pictures: Mapping[str, str], cameras: Cameras) 
     (folder / "capture.toml").write_text(head + "selected_frames = [0]\n" + "".join(sections), encoding="utf-8")
 
 
-def person_scale(cameras: Cameras, keypoints: Float[np.ndarray, "view 25 3"], height: float) -> float:
+def _some_views(file: Path) -> Path:
+    """Write beside a capture one of up to `MEASURED` of its views, evenly chosen."""
+    head, *cameras = file.read_text(encoding="utf-8").split("\n[[camera]]\n")
+    few = file.with_name("measured.toml")
+    few.write_text("\n[[camera]]\n".join([head, *cameras[:: -(-len(cameras) // MEASURED)]]), encoding="utf-8")
+    return few
+
+
+def person_scale(
+    cameras: Cameras, keypoints: Float[np.ndarray, "view 25 3"], height: float, crowded: Sequence[str] = ()
+) -> float:
     """Measure metres per unit of the cameras' world by the bones of a person of this height, from keypoints (BODY_25,
     pixels without distortion).
 
-    Raises `InputError` where two views do not show enough of them, and for a person who moved from view to view.
+    Raises `InputError` where two views do not show enough of them, and for a person who moved from view to view, or
+    who is not the same in all of them, where others are seen in `crowded` pictures.
     """
     intrinsics = np.asarray(cameras.intrinsics, np.float64)
     view = SubjectView(intrinsics, np.asarray(cameras.cam_from_world, np.float64)[:, 0], keypoints)
@@ -103,6 +152,13 @@ def person_scale(cameras: Cameras, keypoints: Float[np.ndarray, "view 25 3"], he
             "person, arms a little away, or give cameras in metres and masks."
         )
     moved = scale.metres_per_unit * _apart(view)
+    if moved > MOVED and crowded:
+        raise InputError(
+            f"several people are seen in {len(crowded)} of {len(keypoints)} pictures (first {crowded[0]}), and those "
+            "in the middle are not one person who stands still: joints are "
+            f"{100 * moved:.0f} cm in the median from where all pictures together put them; keep the person in the "
+            "middle while the camera goes around, best with nobody else in sight, or give pictures and masks."
+        )
     if moved > MOVED:
         raise InputError(
             f"the person did not stand still: joints are {100 * moved:.0f} cm in the median from where all pictures "

@@ -1,6 +1,7 @@
 """What a scan looks at: pictures of a standing person, their cameras and masks, given or found."""
 
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,11 +19,21 @@ from jaxmocap.geometry import camera_centres
 from jaxmocap.rigging import check_height
 from jaxmocap.scan import Views, person_place
 
+from ._defaults import person_record
 from ._detect import Report, Say
+from ._scan_folder import (
+    RECORD,
+    ScanViews,
+    grey_and_small,
+    read_folder,
+    read_mask,
+    read_picture,
+    refuse_sizes,
+    write_views,
+)
 from ._scan_frames import LONGEST, frames_of_walk
 from ._scan_masks import find_outlines
 
-_COLOURED = 1600  # pixels of the longer side of pictures that colours are taken from
 PICTURES = (".jpg", ".jpeg", ".png")
 WIDEST_GAP = 110.0
 """Degrees around the person without a picture, from which on there is no scan: what no outline cuts stays."""
@@ -34,56 +45,97 @@ def read_views(
     masks: str | Path | None = None,
     height: float | None = None,
     *,
+    keep_views: str | Path | None = None,
     focal: float | None = None,
     weights: str | Path | None = None,
     seed: int = 0,
     say: Say = lambda sentence: None,
     progress: Report = lambda stage, done, total: None,
-) -> tuple[tuple[str, ...], Views]:
-    """Read the views and their names, as `scan` says, and find cameras and masks where none are given."""
+) -> ScanViews:
+    """Read the views, as `scan` says, and find cameras and masks where none are given; write them to `keep_views`."""
     pictures = Path(pictures)
-    filmed = pictures.is_file()
-    _refuse_options(pictures, cameras, masks, height, focal)
+    if keep_views is not None and Path(keep_views).exists() and not _is_empty_folder(Path(keep_views)):
+        raise InputError(f"{keep_views} exists already; choose a new or an empty folder with --keep-views.")
     with tempfile.TemporaryDirectory() as place:
-        if filmed:
-            files, guess, scale = frames_of_walk(pictures, Path(place), progress=progress)
-            recorded = (0, 0)  # which masks have, and they go with pictures alone
+        if (pictures / RECORD).is_file():
+            _refuse_beside_folder(pictures, cameras, masks, focal)
+            shown, images = read_folder(pictures)
         else:
-            longest = LONGEST if cameras is None else None
-            prepared = [_in_place(file, Path(place), cameras is None, longest) for file in pictures_in(pictures)]
-            _refuse_sizes(pictures, {one.size for one in prepared})
-            files, guess, scale = [one.file for one in prepared], None, prepared[0].scale
-            recorded = prepared[0].size
-        focal = scale * focal if focal is not None else None
-        images = {file: _read(file) for file in files}
-        size = next((image.shape[1], image.shape[0]) for image in images.values())
-        if cameras is None:
-            guess = focal or guess or PHONE_FOCAL * max(size)
-            options = {"guess": guess, "focal": focal, "in_order": filmed, "seed": seed, "progress": progress}
-            placed = calibrate_pictures(files, size, **options)
-            if placed.left_out:
-                say(f"{', '.join(placed.left_out)} could not be placed among the others, and are left out.")
-            known, files = placed.cameras, [file for file in files if file.name in placed.names]
-            _refuse_open_lap(pictures, known)
-        else:
-            names = [file.name for file in files]
-            known = read_picture_cameras(Path(cameras), names, size, any_scale=height is not None)
-        if masks is None:
-            assert height is not None
-            shown, known = find_outlines(files, known, height, jax.random.key(seed), weights, say, progress)
-        lenses = [
-            Undistortion(np.asarray(k), np.asarray(d), one)
-            for k, d, one in zip(known.intrinsics, known.distortion, known.sizes, strict=True)
-        ]
-        coloured = np.stack([_coloured(file, lens) for lens, file in zip(lenses, files, strict=True)])
-    grey = np.stack([lens.image(images[file]) for lens, file in zip(lenses, files, strict=True)])
-    if masks is not None:
+            _refuse_options(pictures, cameras, masks, height, focal)
+            told = {"focal": focal, "weights": weights, "seed": seed, "say": say, "progress": progress}
+            shown, images = _look(pictures, Path(place), cameras, masks, height, **told)
+        if height is not None and shown.height is None:
+            shown.views.cam_from_world[:, :3, 3] *= height / person_place(shown.views)[1]
+            shown = shown._replace(height=height)
+        if height is not None and height != shown.height:
+            raise InputError(
+                f"{pictures} is of somebody {shown.height} m tall, and the height that is given is {height:g} m; scan "
+                "the video or the pictures again for another height."
+            )
+        if keep_views is not None:
+            write_views(Path(keep_views), shown, images)
+    return shown
+
+
+def _look(
+    pictures: Path,
+    place: Path,
+    cameras: str | Path | None,
+    masks: str | Path | None,
+    height: float | None,
+    *,
+    focal: float | None,
+    weights: str | Path | None,
+    seed: int,
+    say: Say,
+    progress: Report,
+) -> tuple[ScanViews, Iterator[UInt8[np.ndarray, "height width 3"]]]:
+    """Look at pictures or a video; also give the pictures, BGR, without distortion."""
+    filmed = pictures.is_file()
+    if filmed:
+        files, guess, scale = frames_of_walk(pictures, place, progress=progress)
+        recorded = (0, 0)  # which masks have, and they go with pictures alone
+    else:
+        longest = LONGEST if cameras is None else None
+        prepared = [_in_place(file, place, cameras is None, longest) for file in pictures_in(pictures)]
+        refuse_sizes(pictures, {one.size for one in prepared})
+        files, guess, scale = [one.file for one in prepared], None, prepared[0].scale
+        recorded = prepared[0].size
+    focal = scale * focal if focal is not None else None
+    first = read_picture(files[0])
+    size = (first.shape[1], first.shape[0])
+    if cameras is None:
+        guess = focal or guess or PHONE_FOCAL * max(size)
+        options = {"guess": guess, "focal": focal, "in_order": filmed, "seed": seed, "progress": progress}
+        placed = calibrate_pictures(files, size, **options)
+        if placed.left_out:
+            say(f"{', '.join(placed.left_out)} could not be placed among the others, and are left out.")
+        known, files = placed.cameras, [file for file in files if file.name in placed.names]
+        _refuse_open_lap(pictures, known)
+    else:
+        known = read_picture_cameras(Path(cameras), [file.name for file in files], size, any_scale=height is not None)
+    outlines = None
+    if masks is None:
+        assert height is not None
+        outlines = find_outlines(files, known, height, jax.random.key(seed), weights, say, progress)
+        known = outlines.cameras
+    cameras_of = zip(known.intrinsics, known.distortion, known.sizes, strict=True)
+    lenses = [Undistortion(np.asarray(k), np.asarray(d), one) for k, d, one in cameras_of]
+
+    def images() -> Iterator[UInt8[np.ndarray, "height width 3"]]:
+        for lens, file in zip(lenses, files, strict=True):
+            yield lens.image(read_picture(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION))
+
+    if outlines is not None:
+        shown, origins = outlines.masks, tuple(person_record(one) for one in outlines.people)
+    else:
+        assert masks is not None
         drawn = [_mask(Path(masks), file, recorded, size) for file in files]
         shown = np.stack([lens.mask(mask) for lens, mask in zip(lenses, drawn, strict=True)])
+        height, origins = None, ({"source": "given"},) * len(files)  # nothing has told the scale by the height yet
+    grey, coloured = map(np.stack, zip(*map(grey_and_small, images()), strict=True))
     views = Views(grey, shown, np.asarray(known.intrinsics), np.array(known.cam_from_world[:, 0]), coloured)
-    if masks is not None and height is not None:
-        views.cam_from_world[:, :3, 3] *= height / person_place(views)[1]
-    return tuple(file.stem for file in files), views
+    return ScanViews(tuple(file.stem for file in files), views, filmed, height, origins), images()
 
 
 def widest_gap(cam_from_world: Float[np.ndarray, "view 4 4"]) -> float:
@@ -101,6 +153,21 @@ def _refuse_open_lap(pictures: Path, known: Cameras) -> None:
             f"{pictures} leaves {gap:.0f} degrees around the person unseen, {WIDEST_GAP:.0f} at most are allowed: go "
             "once all around, at the same distance."
         )
+
+
+def _refuse_beside_folder(
+    pictures: Path, cameras: str | Path | None, masks: str | Path | None, focal: float | None
+) -> None:
+    for option, given in (("--cameras", cameras), ("--masks", masks), ("--focal", focal)):
+        if given is not None:
+            raise InputError(
+                f"{pictures} holds the views of a scan, with cameras and masks; leave {option} out, and correct masks "
+                f"in {pictures / 'masks'}."
+            )
+
+
+def _is_empty_folder(path: Path) -> bool:
+    return path.is_dir() and not any(path.iterdir())
 
 
 def _refuse_options(
@@ -150,7 +217,10 @@ class _Picture(NamedTuple):
 def _in_place(file: Path, place: Path, upright: bool, longest: int | None) -> _Picture:
     """Give a picture that its metadata turns as a copy: upright, or as it is stored, which is how others' cameras see
     it; and one whose longer side has more than `longest` pixels as a smaller one. Else it is the picture itself."""
-    stored, turned = _read(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION), _read(file, cv2.IMREAD_COLOR)
+    stored, turned = (
+        read_picture(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION),
+        read_picture(file, cv2.IMREAD_COLOR),
+    )
     pixels = turned if upright else stored
     height, width = pixels.shape[:2]
     scale = min(1.0, longest / max(width, height)) if longest is not None else 1.0
@@ -164,43 +234,9 @@ def _in_place(file: Path, place: Path, upright: bool, longest: int | None) -> _P
     return _Picture(place / file.name, (width, height), scale)
 
 
-def _read(
-    file: Path, flags: int = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-) -> UInt8[np.ndarray, "height width *channel"]:
-    content = np.frombuffer(file.read_bytes(), np.uint8)
-    image = cv2.imdecode(content, flags) if len(content) else None
-    if image is None:
-        raise InputError(f"{file} cannot be read as a picture; export it again as JPEG or PNG.")
-    return image
-
-
-def _coloured(file: Path, lens: Undistortion) -> UInt8[np.ndarray, "height width 3"]:
-    """Read a picture in colour, RGB, undistorted and small enough for the colours of a few thousand vertices."""
-    image = lens.image(_read(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION))
-    shrink = min(1.0, _COLOURED / max(image.shape))
-    size = [max(1, round(shrink * side)) for side in image.shape[1::-1]]
-    return cv2.cvtColor(cv2.resize(image, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2RGB)
-
-
 def _mask(
     folder: Path, picture: Path, recorded: tuple[int, int], size: tuple[int, int]
 ) -> Bool[np.ndarray, "height width"]:
     """Read a mask of the size of a recorded picture, and make it `size`."""
-    file = folder / f"{picture.stem}.png"
-    if not file.is_file():
-        raise InputError(f"{picture.name} has no mask; expected {file}, white where the person is.")
-    mask = _read(file) > 127
-    if mask.shape != recorded[::-1]:
-        raise InputError(
-            f"{file} is {mask.shape[1]}x{mask.shape[0]} pixels, but {picture.name} is {recorded[0]}x{recorded[1]}; "
-            "masks have the size of their pictures."
-        )
-    if not mask.any():
-        raise InputError(f"{file} is empty: it shows nobody; draw it again or take the picture out.")
+    mask = read_mask(folder / f"{picture.stem}.png", picture.name, recorded)
     return mask if size == recorded else cv2.resize(255 * mask.astype(np.uint8), size) > 127
-
-
-def _refuse_sizes(pictures: Path, sizes: set[tuple[int, int]]) -> None:
-    if len(sizes) > 1:
-        found = ", ".join(f"{width}x{height}" for width, height in sorted(sizes))
-        raise InputError(f"the pictures in {pictures} have {len(sizes)} sizes ({found}); give those of one.")

@@ -4,6 +4,7 @@ from ._character_fit import CharacterFit as CharacterFit, CharacterFitSettings a
 from ._fit_character import (
     FEWEST_FRAMES as FEWEST_FRAMES,
     fit_character as fit_character,
+    measurable as measurable,
     usable_frames as usable_frames,
 )
 from ._fit_silhouette import (

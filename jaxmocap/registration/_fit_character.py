@@ -30,6 +30,9 @@ from ._shape_problem import (
 )
 
 FEWEST_FRAMES, FEWEST_POINTS = 3, 3
+FEWEST_VIEWS = 8
+"""Views of one moment that tell as much of a person's proportions as two or three of several moments do."""
+
 _POINTS = BODY_25 | FACE
 
 
@@ -54,20 +57,22 @@ def fit_character(
     metres, where that is known: the generic character is scaled to it, and the fitted one keeps it to a per cent
     (`CharacterFit.height`).
     `start` are poses to begin with, by frame, such as those of an earlier fit; others are found. Raises `InputError`
-    when fewer than three frames can be used, for the proportions would be guesses, and where `register` does.
+    when fewer than three frames can be used, for the proportions would be guesses, and where `register` does; one frame
+    will do that eight views show, as the pictures of a scan.
     """
     settings = CharacterFitSettings() if settings is None else settings
     tell = progress or (lambda stage, done, total: None)
     asked = tuple(sorted(set(capture.selected_frames or () if frames is None else frames)))
     chosen = usable_frames(capture, cameras, asked)
     having = [name for camera, name in enumerate(capture.camera_names) if capture.keypoint_frames(camera)]
-    if len(chosen) < FEWEST_FRAMES and len(having) == 1:
+    enough = measurable(capture, chosen)
+    if not enough and len(having) == 1:
         raise InputError(
             f"capture '{capture.name}': only '{having[0]}' has keypoints, and one view cannot be measured; add "
             f"keypoints of another camera (jaxmocap detect {capture.folder}), or make a body of a height that you say: "
             "jaxmocap body --out body.glb --height 1.75."
         )
-    if len(chosen) < FEWEST_FRAMES:
+    if not enough:
         listed = f" ({', '.join(map(str, asked))})" if asked else ""
         raise InputError(
             f"capture '{capture.name}': {len(chosen)} of the {len(asked)} frames to fit at{listed} have "
@@ -145,6 +150,12 @@ def fit_character(
 
 def _keypoints(capture: Capture, frame: int) -> list[np.ndarray | None]:
     return [capture.keypoints(camera, frame) for camera in range(capture.num_cameras)]
+
+
+def measurable(capture: Capture, frames: Sequence[int]) -> bool:
+    """Tell whether usable frames are enough to fit a character: three, or one with keypoints in eight views."""
+    seen = (sum(points is not None for points in _keypoints(capture, frame)) for frame in frames)
+    return len(frames) >= FEWEST_FRAMES or any(views >= FEWEST_VIEWS for views in seen)
 
 
 def usable_frames(capture: Capture, cameras: Cameras, frames: Sequence[int]) -> tuple[int, ...]:

@@ -31,18 +31,29 @@ def filmed():
 
 @pytest.fixture(scope="module")
 def folder(filmed, tmp_path_factory) -> Path:
-    """Four poses half a second apart, with exact keypoints and without actor, masks and selected frames."""
-    folder = write_capture(filmed, tmp_path_factory.mktemp("unnamed") / "capture")
+    """Four poses half a second apart."""
+    return unnamed(filmed, tmp_path_factory.mktemp("unnamed") / "capture")
+
+
+@pytest.fixture(scope="module")
+def all_round():
+    """One pose from eight sides."""
+    return make_capture(1, (192, 108), 8, view_angle_degrees=45.0, selected_frames=(0,))
+
+
+def unnamed(filmed: SyntheticCapture, place: Path) -> Path:
+    """Write a capture with exact keypoints and without actor, masks and selected frames."""
+    folder = write_capture(filmed, place)
     toml = (folder / "capture.toml").read_text()
     left_out = ("actor", "masks", "selected_frames")
     lines = [line for line in toml.splitlines() if not line.startswith(left_out)]
     (folder / "capture.toml").write_text("\n".join(lines) + "\n")
     skeleton = filmed.character.skeleton
-    for frame in FRAMES:
+    for frame in filmed.selected_frames:
         at = dict(zip(skeleton.landmark_names, np.array(landmark_positions(skeleton, filmed.pose(frame))), strict=True))
         at["pelvis"], at["neck"] = at["mid_hip"], at["mid_shoulder"]
         points, view = jnp.asarray([at[name] for name in KEYPOINT_NAMES], jnp.float32), filmed.cameras.at(frame)
-        for camera in range(2):
+        for camera in range(len(filmed.cameras.names)):
             pixels, _ = project(view.intrinsics[camera], view.cam_from_world[camera], points)
             values = np.concatenate([np.asarray(pixels), np.full((25, 1), 0.8)], 1).ravel().tolist()
             file = folder / "keypoints" / f"cam{camera}_{frame:05d}_keypoints.json"
@@ -112,21 +123,45 @@ def with_silhouettes(capture: Capture, filmed: SyntheticCapture) -> Capture:
     return capture
 
 
-@pytest.mark.slow
-def test_a_height_tells_how_much_too_large_the_world_of_the_cameras_is(folder, filmed, tmp_path):
-    capture = with_silhouettes(spoilt(folder, tmp_path), filmed)
+def in_a_larger_world(capture: Capture) -> Capture:
+    """Give a capture cameras whose world is 6 % too large."""
     larger = capture.cameras.cam_from_world.at[..., :3, 3].multiply(1.06)
     large = eqx.tree_at(lambda cameras: cameras.cam_from_world, capture.cameras, larger)
     write_cameras(large, capture.folder / "large", "colmap", capture.video_frames)
+    return replace(capture, cameras_path=capture.folder / "large")
+
+
+@pytest.mark.slow
+def test_a_height_tells_how_much_too_large_the_world_of_the_cameras_is(folder, filmed, tmp_path):
     tall = float(stature(filmed.character))
-    made = character_of(
-        replace(capture, cameras_path=capture.folder / "large"), height=tall, scale_cameras=True, cache=False
-    )
+    capture = in_a_larger_world(with_silhouettes(spoilt(folder, tmp_path), filmed))
+    made = character_of(capture, height=tall, scale_cameras=True, cache=False)
     assert made.camera_scale == pytest.approx(1 / 1.06, rel=0.015)
     assert made.record["height_m"] == pytest.approx(tall, abs=1e-4)  # the outlines add to the surface
     assert float(stature(made.character)) == pytest.approx(tall, rel=0.01)
     found, truth = (bone_lengths(one.skeleton) for one in (made.character, filmed.character))
     assert max(abs(float(found[name] / truth[name]) - 1) for name in ("thigh", "shank", "upper_arm")) < 0.06
+
+
+@pytest.mark.slow
+def test_one_pose_from_eight_sides_tells_the_measure_and_the_scale(all_round, tmp_path):
+    folder, tall = unnamed(all_round, tmp_path / "capture"), float(stature(all_round.character))
+    text = (folder / "capture.toml").read_text()
+    (folder / "capture.toml").write_text('masks = "masks"\n' + text)
+    capture = in_a_larger_world(Capture.open(folder))
+    made = character_of(capture, height=tall, scale_cameras=True, cache=False)
+    assert made.record["masks"] == 8
+    assert made.camera_scale == pytest.approx(1 / 1.06, rel=0.015)
+    found, truth = (bone_lengths(one.skeleton) for one in (made.character, all_round.character))
+    assert max(abs(float(found[name] / truth[name]) - 1) for name in ("thigh", "shank", "upper_arm")) < 0.06
+
+
+def test_one_pose_from_seven_sides_does_not(all_round, tmp_path):
+    folder = unnamed(all_round, tmp_path / "capture")
+    assert "is made to measure at frames 0" in no_actor(Capture.open(folder)).message
+    text = (folder / "capture.toml").read_text()
+    (folder / "capture.toml").write_text(text[: text.rindex("[[camera]]")])
+    assert "only 1 frame has keypoints in two views, and 3 such" in no_actor(Capture.open(folder)).message
 
 
 @pytest.mark.slow

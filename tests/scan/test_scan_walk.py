@@ -1,5 +1,8 @@
 """A walk around something that stands still: its frames, its cameras, its scale, and what is refused."""
 
+import tomllib
+from dataclasses import replace
+
 import cv2
 import jax
 import numpy as np
@@ -9,9 +12,9 @@ from small_captures import look_at_pose
 
 from jaxmocap._results import InputError
 from jaxmocap.calibration import PARTS_OF_HEIGHT
-from jaxmocap.camera import Cameras
+from jaxmocap.camera import Cameras, look_at_point
 from jaxmocap.capture import KEYPOINT_NAMES
-from jaxmocap.pipeline import _scan_frames, _scan_views, scan
+from jaxmocap.pipeline import FoundKeypoints, _scan_frames, _scan_masks, _scan_views, scan
 from jaxmocap.pipeline._scan_frames import frames_of_walk
 from jaxmocap.pipeline._scan_masks import person_scale
 from jaxmocap.pipeline._scan_views import widest_gap
@@ -120,6 +123,55 @@ def test_the_persons_height_tells_the_scale_of_the_cameras():
 def test_a_person_who_does_not_stand_still_is_refused():
     with pytest.raises(InputError, match=r"did not stand still: joints are \d+ cm"):
         person_scale(*standing(1.72, sway=0.25), 1.72)
+
+
+def test_people_who_are_taken_for_one_are_told_from_one_who_moves():
+    cameras, keypoints = standing(1.72, sway=0.25)
+    with pytest.raises(InputError, match=r"several people are seen in 2 of 12 pictures \(first b\.png\), and those"):
+        person_scale(cameras, keypoints, 1.72, ["b.png", "c.png"])
+    person_scale(*standing(1.72), 1.72, ["b.png", "c.png"])
+
+
+def test_the_person_in_the_middle_of_what_the_cameras_look_at_is_followed(tmp_path, monkeypatch):
+    """By a lens that distorts, in pictures beside whose middle the person is."""
+    cameras, _ = standing(1.72)
+    lenses = np.tile([0.1, 0, 0, 0, 0], (12, 1)).astype(np.float32)
+    asked, heard = {}, []
+    notes = {name: ["2 people: the one chosen"] if name in ("view3", "view8") else [] for name in cameras.names}
+
+    def find(folder, person, say, **_):
+        asked.update(person)
+        for sentence in ("view3: the person is looked for at (1, 2)", "Weights of a detector, licence X"):
+            say(sentence)
+        return FoundKeypoints({}, {"cameras": {name: {"notes": one} for name, one in notes.items()}})
+
+    monkeypatch.setattr(_scan_masks, "detect", find)
+    moved = np.array(cameras.cam_from_world)
+    moved[..., 0, 3] += 0.1 * np.resize([1, -1], 12)[:, None]
+    crooked = replace(cameras, distortion=jax.device_put(lenses), cam_from_world=jax.device_put(moved))
+    middle = look_at_point(moved[:, 0].astype(float))
+    crowded = _scan_masks._detect(tmp_path, crooked, None, heard.append, lambda *_: None)
+    for pose, (name, pixel) in zip(moved[:, 0], asked.items(), strict=True):
+        x, y, z = pose[:3, :3] @ middle + pose[:3, 3]
+        longer = 1 + 0.1 * (x**2 + y**2) / z**2
+        at = longer * FOCAL / z * np.array([x, y]) + np.array(SIZE) / 2
+        np.testing.assert_allclose(pixel, at, atol=0.1, err_msg=name)
+    assert max(abs(pixel[0] - SIZE[0] / 2) for pixel in asked.values()) > 5
+    assert crowded == [3, 8]
+    assert heard[0].startswith("Weights")
+    assert heard[1].startswith("Several people are seen in 2 of 12 pictures; the one in the middle")
+    assert len(heard) == 2
+
+
+@pytest.mark.parametrize(("count", "taken"), [(4, 4), (16, 16), (17, 9), (40, 14)])
+def test_a_body_is_measured_in_some_of_many_views(count, taken, tmp_path):
+    sections = [f'\n[[camera]]\nname = "view{number:02d}"\nvideo = "{number}.png"\n' for number in range(count)]
+    (tmp_path / "capture.toml").write_text('name = "scan"\nkeypoints = "keypoints"\n' + "".join(sections))
+    few = tomllib.loads(_scan_masks._some_views(tmp_path / "capture.toml").read_text())
+    assert few["keypoints"] == "keypoints"
+    assert len(few["camera"]) == taken
+    assert few["camera"][0]["name"] == "view00"
+    assert int(few["camera"][-1]["name"][4:]) > 0.7 * count - 1
 
 
 def test_a_person_whose_limbs_are_not_seen_tells_no_scale():
