@@ -38,7 +38,7 @@ def exchanged_sides(
         last, this = known[number - 1], known[number]
         stays = crosses = 0.0
         if near[number - 1]:
-            side = (sides[last] + sides[this]) / 2
+            side = float(sides[last] + sides[this]) / 2
             stays = distance(points[last], points[this], layout, side)
             crosses = distance(points[last], points[this][mirrored], layout, side)
         ways = cost[:, None] + np.array([[stays, crosses + _SWITCH], [crosses + _SWITCH, stays]])
