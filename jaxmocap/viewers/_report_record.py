@@ -47,10 +47,21 @@ def headline(motion: Motion) -> str:
     if good == len(motion):
         return "The only frame can be trusted." if good == 1 else f"All {good} frames can be trusted."
     partly = int(((motion.status == "ok") & limbs).sum())
-    besides = f" In {partly} more a limb is lost." if partly else ""
+    besides = f" In {partly} more {_lost_limbs(motion)}." if partly else ""
     if good == 0:
-        return f"No frame can be trusted.{besides}".replace("more ", "")
+        return f"No frame can be trusted{' as a whole' if partly else ''}.{besides}".replace("more ", "")
     return f"{good} of {len(motion)} frames can be trusted.{besides}"
+
+
+def _lost_limbs(motion: Motion) -> str:
+    """Say what is lost in the frames that are otherwise trusted, and what can be used there."""
+    trusted = set(motion.frames[motion.status == "ok"].tolist())
+    parts = sorted({span["part"] for span in _limb_spans(motion) if trusted & set(_within(motion, span))})
+    kinds = {part.split()[-1] for part in parts}
+    rest = "trunk and head" if kinds == {"arm", "leg"} else "legs and trunk" if kinds == {"arm"} else "arms and trunk"
+    if len(parts) == 1:
+        return f"the {parts[0]} is lost, and the rest can be used"
+    return f"limbs are lost ({', '.join(parts)}), and {rest} can be used"
 
 
 def findings(motion: Motion) -> list[dict[str, Any]]:

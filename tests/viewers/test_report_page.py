@@ -108,7 +108,9 @@ class Parsed(HTMLParser):
 
 def test_the_verdict_counts_frames_that_are_ok_and_have_every_limb():
     motion = judged()
-    assert headline(motion) == "6 of 12 frames can be trusted. In 2 more a limb is lost."
+    assert headline(motion) == (
+        "6 of 12 frames can be trusted. In 2 more the left arm is lost, and the rest can be used."
+    )
     assert (
         frame_verdicts(motion) == ["ok"] * 4 + ["doubtful"] * 2 + ["passed over"] + ["ok"] * 2 + ["lost"] + ["ok"] * 2
     )
@@ -169,7 +171,23 @@ def test_a_part_of_a_motion_tells_of_its_own_frames():
 
 def test_where_nothing_can_be_trusted_the_verdict_says_so():
     assert headline(judged()[[4, 5, 6, 9]]) == "No frame can be trusted."
-    assert headline(judged()[1:3]) == "No frame can be trusted. In 2 a limb is lost."
+    only = "No frame can be trusted as a whole. In 2 the left arm is lost, and the rest can be used."
+    assert headline(judged()[1:3]) == only
+
+
+@pytest.mark.parametrize(
+    ("parts", "usable"),
+    [
+        (("left arm", "right arm"), "limbs are lost (left arm, right arm), and legs and trunk can be used"),
+        (("left leg", "right leg"), "limbs are lost (left leg, right leg), and arms and trunk can be used"),
+        (("left arm", "right leg"), "limbs are lost (left arm, right leg), and trunk and head can be used"),
+    ],
+)
+def test_the_verdict_says_what_can_be_used_where_limbs_are_lost(parts, usable):
+    """What is lost in frames that are doubtful anyway, as 4 and 5 are, is not counted."""
+    spans = [{"part": part, "first": 1 + k, "last": 2, "why": "no view shows it"} for k, part in enumerate(parts)]
+    spans.append({"part": "left arm", "first": 4, "last": 5, "why": "dark"})
+    assert headline(judged(provenance={"lost": spans})[:6]) == f"2 of 6 frames can be trusted. In 2 more {usable}."
 
 
 def test_spans_of_a_limb_are_told_together_and_not_without_end():
