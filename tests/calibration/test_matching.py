@@ -29,7 +29,8 @@ def footage(tmp_path_factory) -> Footage:
         for name, offset in (("fast", 0.0), ("slow", LATER))
     )
     (folder / "capture.toml").write_text(cameras)
-    return footage_of(Capture.open(folder), None, key_step=5, threads=1, seed=0)
+    capture = Capture.open(folder)
+    return footage_of(capture, None, (0, capture.num_frames), key_step=5, threads=1, seed=0)
 
 
 def moment(place: tuple[int, int]) -> float:
