@@ -45,6 +45,8 @@ class _Array:
 
 
 def _numbers(data: bytes | bytearray, kind: _Type, shape: tuple[int, ...], order: Any = "C") -> np.ndarray:
+    if not isinstance(data, bytes | bytearray):  # of a number Python makes so many bytes
+        raise ValueError(f"it has an array of the data {data!r:.40}")
     if not isinstance(kind, _Type) or math.prod(shape) > _LARGEST or order not in ("C", "F"):
         raise ValueError(f"it has an array of shape {shape}")
     return np.frombuffer(bytes(data), kind.code).reshape(shape, order=order)

@@ -335,6 +335,10 @@ class Evil:
         (b"cnumpy\nndarray\n(I1\ntR.", "holds something else"),
         (pickle.dumps(opencap_camera(1))[:-30], "is no pickle of arrays"),
         (b"\x80\x05\x96" + (2**36).to_bytes(8, "little") + b"...", "is no pickle of arrays"),  # 64 GB of nothing
+        (
+            b"cnumpy.core.numeric\n_frombuffer\n(I10000000000\ncnumpy\ndtype\n(S'f8'\ntR(I1\ntS'C'\ntR.",
+            "an array of the data 10000000000",  # of which Python would make as many bytes
+        ),
         (b"\x80\x02K\x01r\xff\xff\xff\x7f.", "holds something else"),  # remembered as the 2147483647th
         (bytes(2**20 + 1), "larger than a megabyte"),
     ],
