@@ -20,6 +20,8 @@ _AT_LIMIT = np.radians(1.0)
 _DOUBTFUL_MASK = 0.5
 _LOOK_FIRST = 3
 _MOST_RUNS = 8  # runs of frames that a sentence names
+_USABLE = {("arm",): "legs and trunk", ("leg",): "arms and trunk", ("arm", "leg"): "trunk and head"}
+"""What can be used where limbs of these kinds are lost."""
 _WHY = {
     "lost": "nothing found there explains the pixels, or it moves too fast",
     "doubtful": "the covered pixels do not look like the person, part of the person stays uncovered, or the body moves "
@@ -57,8 +59,8 @@ def _lost_limbs(motion: Motion) -> str:
     """Say what is lost in the frames that are otherwise trusted, and what can be used there."""
     trusted = set(motion.frames[motion.status == "ok"].tolist())
     parts = sorted({span["part"] for span in _limb_spans(motion) if trusted & set(_within(motion, span))})
-    kinds = {part.split()[-1] for part in parts}
-    rest = "trunk and head" if kinds == {"arm", "leg"} else "legs and trunk" if kinds == {"arm"} else "arms and trunk"
+    kinds = tuple(sorted({part.rpartition(" ")[2] for part in parts}))
+    rest = _USABLE.get(kinds, "the rest")
     if len(parts) == 1:
         return f"the {parts[0]} is lost, and the rest can be used"
     return f"limbs are lost ({', '.join(parts)}), and {rest} can be used"

@@ -238,7 +238,7 @@ def test_names_with_html_in_them_are_text(tmp_path):
     motion = judged(provenance=told, cameras=cameras((HOSTILE.replace("/", ""), "b")))
     page = report_page(motion.save(tmp_path / "result"))
     parsed = Parsed(page.read_text())
-    assert parsed.text.count(HOSTILE) == 4  # the title twice, a part, its reason
+    assert parsed.text.count(HOSTILE) == 5  # the title twice, a part twice, its reason
     assert "img" not in [tag for tag, _ in parsed.tags]
     assert [tag for tag, _ in parsed.tags].count("script") == 2
     data = data_of(page)
