@@ -19,7 +19,7 @@ from jaxmocap.detection import (
 from jaxmocap.rigging import refuse_unreadable_actor
 
 from ._run_options import RunOptions
-from ._scan_folder import RECORD as VIEWS_RECORD
+from ._scan_folder import is_views_folder
 from ._scan_frames import index_of_walk
 from ._scan_views import pictures_in
 
@@ -40,11 +40,11 @@ def examine_files(
         refuse_unreadable_actor(options.actor)
     if options.scan is not None and options.scan.is_file():
         index_of_walk(options.scan)
-    elif options.scan is not None and not (options.scan / VIEWS_RECORD).is_file():
+    elif options.scan is not None and not is_views_folder(options.scan):
         pictures_in(options.scan)
     if options.keypoints is not None:
         _examine_keypoints(options.keypoints, indices, names, layout)
-    if options.keypoints is None or options.scan is not None:
+    if options.keypoints is None or _scan_detects(options):
         require_runner()
         if options.weights is not None:
             open_model(get_weights(None, options.weights))
@@ -53,8 +53,13 @@ def examine_files(
 def fetch_weights(options: RunOptions, to_do: Collection[str], say: Callable[[str], None]) -> None:
     """Get the detector's weights if a stage that needs them is to be done. Raises `InputError`, as `get_weights`."""
     detects = options.keypoints is None and "detect" in to_do
-    if options.weights is None and (detects or (options.scan is not None and "body" in to_do)):
+    if options.weights is None and (detects or (_scan_detects(options) and "body" in to_do)):
         get_weights(say=say)
+
+
+def _scan_detects(options: RunOptions) -> bool:
+    """Tell whether the person has to be found for a scan, which views with masks spare."""
+    return options.scan is not None and not is_views_folder(options.scan)
 
 
 def _examine_keypoints(

@@ -14,7 +14,7 @@ from jaxmocap.rigging import RiggedMesh, refuse_number_of_triangles, rig
 from jaxmocap.scan import Scan, reconstruct, vertex_colours
 
 from ._detect import Report, Say
-from ._scan_folder import RECORD, ScanViews
+from ._scan_folder import ScanViews, is_views_folder
 from ._scan_views import read_views, widest_gap
 
 POOR = 0.85
@@ -86,7 +86,7 @@ def scan(
     names, views, height = shown.names, shown.views, shown.height
     if doubtful := _doubtful(shown):
         place = keep_views or pictures
-        how = f"correct {Path(place) / 'masks'} and scan {place}" if (Path(place) / RECORD).is_file() else _LOOK
+        how = f"correct {Path(place) / 'masks'} and scan {place}" if is_views_folder(Path(place)) else _LOOK
         say(f"The outline is doubtful in {', '.join(doubtful)}: {how}.")
     progress("surface", 0, 1)
     found = reconstruct(views, swaying=shown.filmed)

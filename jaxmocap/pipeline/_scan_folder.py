@@ -15,7 +15,7 @@ from jaxmocap._results import InputError
 from jaxmocap.scan import Views
 from jaxmocap.viewers import draw_mask
 
-RECORD = "views.json"
+_RECORD = "views.json"
 """File by which a folder is known as one of these."""
 
 _COLOURED = 1600  # pixels of the longer side of pictures that colours are taken from
@@ -76,7 +76,7 @@ def write_views(folder: Path, shown: ScanViews, images: Iterable[UInt8[np.ndarra
             for record, mask, intrinsics, pose in cameras
         ]
         record = {"filmed": shown.filmed, "height_m": shown.height, "views": dict(zip(shown.names, views, strict=True))}
-        write_json(partial / RECORD, record)
+        write_json(partial / _RECORD, record)
 
 
 def read_folder(folder: Path) -> tuple[ScanViews, Iterator[UInt8[np.ndarray, "height width 3"]]]:
@@ -85,10 +85,10 @@ def read_folder(folder: Path) -> tuple[ScanViews, Iterator[UInt8[np.ndarray, "he
     Also gives the pictures as `write_views` takes them. Raises `InputError` where anything but masks is not as it was
     written.
     """
-    record = _read_record(folder / RECORD)
+    record = _read_record(folder / _RECORD)
     known = {name: view for name, view in record.views.items() if _file(folder, "pictures", name).is_file()}
     if not known:
-        raise InputError(f"{folder / 'pictures'} holds none of the pictures that {RECORD} names; scan again.")
+        raise InputError(f"{folder / 'pictures'} holds none of the pictures that {_RECORD} names; scan again.")
     grey, pictures, masks = [], [], []
     images = lambda: (read_picture(_file(folder, "pictures", name), cv2.IMREAD_COLOR) for name in known)  # noqa: E731
     for name, image in zip(known, images(), strict=True):
@@ -150,13 +150,22 @@ def refuse_sizes(pictures: Path, sizes: set[tuple[int, int]]) -> None:
         raise InputError(f"the pictures in {pictures} have {len(sizes)} sizes ({found}); give those of one.")
 
 
+def is_views_folder(path: Path) -> bool:
+    """Tell whether these are the views of a scan, with cameras and masks."""
+    return (path / _RECORD).is_file()
+
+
 def _read_record(file: Path) -> _Record:
     try:
-        return _Record.model_validate_json(file.read_bytes())
+        record = _Record.model_validate_json(file.read_bytes())
     except ValidationError as error:
         first = error.errors()[0]
         what = ": ".join([*map(str, first["loc"]), first["msg"]])
         raise InputError(f"{file} is not what a scan wrote: {what}; scan the video or the pictures again.") from error
+    for name in record.views:
+        if Path(name).name != name:
+            raise InputError(f"{file} names a view {name!r}, a path; names of pictures in {file.parent} were expected.")
+    return record
 
 
 def _file(folder: Path, part: str, name: str) -> Path:

@@ -22,9 +22,9 @@ from jaxmocap.scan import Views, person_place
 from ._defaults import person_record
 from ._detect import Report, Say
 from ._scan_folder import (
-    RECORD,
     ScanViews,
     grey_and_small,
+    is_views_folder,
     read_folder,
     read_mask,
     read_picture,
@@ -57,7 +57,7 @@ def read_views(
     if keep_views is not None and Path(keep_views).exists() and not _is_empty_folder(Path(keep_views)):
         raise InputError(f"{keep_views} exists already; choose a new or an empty folder with --keep-views.")
     with tempfile.TemporaryDirectory() as place:
-        if (pictures / RECORD).is_file():
+        if is_views_folder(pictures):
             _refuse_beside_folder(pictures, cameras, masks, focal)
             shown, images = read_folder(pictures)
         else:

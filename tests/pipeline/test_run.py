@@ -430,6 +430,9 @@ def test_without_weights_and_network_nothing_is_begun_and_without_need_of_them_a
     assert again(videos, out, keypoints=given)[1] == []
     with pytest.raises(InputError, match="could not be downloaded"):
         run(videos, tmp_path / "other", height=1.8, keypoints=given, scan=make_video(tmp_path / "walk.mp4"))
+    (tmp_path / "views").mkdir()
+    (tmp_path / "views" / "views.json").write_text("{}")  # with masks, so that nobody is looked for
+    assert again(videos, tmp_path / "third", keypoints=given, scan=tmp_path / "views")[1][-1] == STAGES[-1]
 
 
 @pytest.mark.parametrize(

@@ -149,6 +149,11 @@ def test_a_folder_that_is_not_as_it_was_written_gets_a_sentence(kept, standing):
     cv2.imwrite(str(folder / "masks" / "view1.png"), np.full((9, 9), 255, np.uint8))
     with pytest.raises(InputError, match=r"view1\.png is 9x9 pixels, but view1\.png is 192x256"):
         read_views(folder)
+    record = (folder / "views.json").read_text()
+    for name in ("../view1", "/view1"):
+        (folder / "views.json").write_text(record.replace('"view1"', f'"{name}"'))
+        with pytest.raises(InputError, match=r"views\.json names a view '\.?\.?/view1', a path"):
+            read_views(folder)
     for text in ("{", '{"views": {}}', '{"filmed": false, "height_m": null, "views": {"a": {"mask": {}}}}'):
         (folder / "views.json").write_text(text)
         with pytest.raises(InputError, match=r"views\.json is not what a scan wrote: .*scan the video or the pictures"):
