@@ -74,8 +74,8 @@ def run_videos(
         Path | None,
         tyro.conf.arg(
             metavar="VIDEO|DIR",
-            help="A video once around the person, who stands still, pictures, or what `scan --keep-views` wrote: the actor "
-            "is made of it.",
+            help="A video once around the person, who stands still, pictures, or what `scan --keep-views` wrote: the "
+            "actor is made of it.",
             help_behavior_hint="",
         ),
     ] = None,
