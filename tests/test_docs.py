@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from inspect import signature
 from pathlib import Path
 
 import equinox as eqx
@@ -15,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap import exporters, samplers
+from jaxmocap import baselines, exporters, samplers
 from jaxmocap._cli import _run
 from jaxmocap.appearance import AppearanceSettings, GridSettings
 from jaxmocap.camera import FORMATS
@@ -155,6 +156,12 @@ def test_the_exporter_of_contributing_writes_every_frame(motion, tmp_path, monke
     x, y, z = motion.joints[0, 0]
     assert name == motion.joint_names[0]
     np.testing.assert_allclose(np.array(place, float) / 1000, [x, -z, y], atol=1e-6)
+
+
+def test_the_baseline_of_contributing_has_the_methods_that_a_baseline_must_have():
+    given, asked = run_block("jaxmocap/baselines/_still.py")["StandingStill"], baselines.Baseline
+    for name in ("start", "find"):
+        assert [*signature(getattr(given, name)).parameters] == [*signature(getattr(asked, name)).parameters]
 
 
 @pytest.mark.slow

@@ -27,6 +27,7 @@ from ._optimisers import (
     covariance_matrix_adaptation as covariance_matrix_adaptation,
     flow_only as flow_only,
     local_only as local_only,
+    with_keypoints as with_keypoints,
 )
 from ._posecut import PoseCut as PoseCut
 from ._stick_figure import StickFigure as StickFigure
@@ -39,6 +40,7 @@ from ._sums_of_gaussians import (
 
 METHODS: dict[str, Callable[[Quality], Tracker | Method]] = {
     "ours": Tracker.preset,
+    "ours-with-keypoints": with_keypoints,
     "local": local_only,
     "annealed-particle-filter": annealed_particle_filter,
     "cma-es": covariance_matrix_adaptation,

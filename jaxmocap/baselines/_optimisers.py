@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from jaxmocap._results import InputError
 from jaxmocap._types import Knob, Quality, knob
 from jaxmocap.character import human_table, is_limb
+from jaxmocap.refinement import DetectionPlan
 from jaxmocap.samplers import (
     AbstractSampler,
     AbstractState,
@@ -27,6 +28,11 @@ from jaxmocap.track import Tracker
 def local_only(quality: Quality = "normal") -> Tracker:
     """Make a tracker that optimises locally only (Fig. 12): optical flow and the refinement of sec. 4.2, no search."""
     return replace(Tracker.preset(quality), search=None, prediction=False)
+
+
+def with_keypoints(quality: Quality = "normal") -> Tracker:
+    """Make a tracker for which a detector's keypoints count beside the pixels, as in `run`; it needs keypoints."""
+    return replace(Tracker.preset(quality), detections=DetectionPlan())
 
 
 def flow_only(quality: Quality = "normal") -> Tracker:

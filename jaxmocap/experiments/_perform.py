@@ -20,6 +20,7 @@ from jaxmocap.baselines import method
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, Detections, content_hash
 from jaxmocap.character import Character, Pose
+from jaxmocap.clip import ClipPlan
 from jaxmocap.geometry import so3_exp, vertex_normals
 from jaxmocap.metrics import evaluate
 from jaxmocap.motion import Motion
@@ -31,6 +32,9 @@ from jaxmocap.verdict import FrameResult
 
 from ._run import Inputs, Run
 from ._suite import DETECTIONS, CaptureSpec, film
+
+MEANS = ("marker_error_cm", "joint_error_cm")
+"""Errors that a row has three times: of the method as it is, of its poses frame by frame, and solved as a clip."""
 
 
 class Prepared(NamedTuple):
@@ -65,27 +69,35 @@ def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
         if not isinstance(tracker, Tracker):
             raise InputError(f"method '{run.method}' has no settings of the tracker; leave {list(run.settings)} out.")
         tracker = with_settings(tracker, run.settings)
+    if isinstance(tracker, Tracker) and tracker.detections is not None and detections is None:
+        raise InputError(f"'{capture.name}' has no folder {DETECTIONS} with keypoints, which '{run.method}' needs.")
     ready = time.perf_counter()
     results = track_frames(observations, tracker, key=jax.random.fold_in(key, 3), frames=run.frames)
-    motion = motion_of(observations, results, {"method": run.method}, tracker.verdict, clip_plan(tracker))
+    plan = clip_plan(tracker)
+    motion = motion_of(observations, results, {"method": run.method}, tracker.verdict, plan)
     done, spent = time.perf_counter(), time.process_time() - used
-    scores = evaluate(motion, capture.truth) if capture.truth is not None else {}
-    return _record(run, prepared.hash, scores, motion, results, done - begin, done - ready, spent), motion
+    record = _record(run, prepared.hash, motion, results, done - begin, done - ready, spent)
+    if capture.truth is not None:
+        other = motion_of(observations, results, None, tracker.verdict, ClipPlan() if plan is None else None)
+        by_frame, solved = (motion, other) if plan is None else (other, motion)
+        record |= _errors(evaluate(motion, capture.truth))
+        for name, one in (("by_frame", by_frame), ("solved", solved)):
+            errors = _errors(evaluate(one, capture.truth))
+            record |= {column.replace("_cm", f"_{name}_cm"): errors[column] for column in MEANS}
+    return record, motion
 
 
 def _record(
     run: Run,
     hashed: str,
-    scores: dict[str, Any],
     motion: Motion,
     results: Sequence[FrameResult],
     wall: float,
     tracking: float,
     cpu: float,
 ) -> dict[str, Any]:
-    """Build the row: settings, seed, versions, capture hash and what came out; seconds."""
+    """Build the row but for its errors: settings, seed, versions, capture hash and seconds."""
     seconds = [sum(result.seconds.values()) for result in results][1:] or [float("nan")]
-    markers, joints = scores.get("marker_error_cm", {}), scores.get("joint_error_cm", {})
     return {
         "key": run.key,
         "status": "done",
@@ -94,14 +106,7 @@ def _record(
         **{name: value for name, value in run.described().items() if name != "capture"},
         "frames_tracked": len(motion),
         "frames_lost": int((motion.status == "lost").sum()),
-        "marker_error_cm": markers.get("mean"),
-        "marker_error_max_cm": markers.get("max"),
-        "marker_error_p95_cm": markers.get("p95"),
-        "joint_error_cm": joints.get("mean"),
-        "joint_error_p95_cm": joints.get("p95"),
-        "pa_mpjpe_cm": scores.get("pa_mpjpe_cm"),
-        "error_per_frame_cm": scores.get("marker_error_per_frame_cm"),
-        "frame_numbers": scores.get("frame_numbers", motion.frames.tolist()),
+        "frame_numbers": motion.frames.tolist(),
         "seconds_per_frame": float(np.median(seconds)),
         "seconds_tracking": tracking,
         "seconds": wall,
@@ -109,6 +114,21 @@ def _record(
         "device": str(jax.devices()[0]),
         "versions": versions(),
     }
+
+
+def _errors(scores: dict[str, Any]) -> dict[str, Any]:
+    """Pick a row's errors from what `evaluate` says; None for what the truth does not hold."""
+    markers, joints = scores.get("marker_error_cm", {}), scores.get("joint_error_cm", {})
+    found = {
+        "marker_error_cm": markers.get("mean"),
+        "marker_error_max_cm": markers.get("max"),
+        "marker_error_p95_cm": markers.get("p95"),
+        "joint_error_cm": joints.get("mean"),
+        "joint_error_p95_cm": joints.get("p95"),
+        "pa_mpjpe_cm": scores.get("pa_mpjpe_cm"),
+        "error_per_frame_cm": scores.get("marker_error_per_frame_cm"),
+    }
+    return found | ({"frame_numbers": scores["frame_numbers"]} if "frame_numbers" in scores else {})
 
 
 @lru_cache(maxsize=3)

@@ -16,6 +16,7 @@ Row = dict[str, Any]
 COLUMNS = (
     "experiment", "factor", "value", "status", "capture", "method", "quality", "seed", "marker_error_cm",
     "marker_error_max_cm", "marker_error_p95_cm", "joint_error_cm", "joint_error_p95_cm", "pa_mpjpe_cm",
+    "marker_error_by_frame_cm", "marker_error_solved_cm", "joint_error_by_frame_cm", "joint_error_solved_cm",
     "frames_tracked", "frames_lost", "seconds_per_frame", "seconds_tracking", "seconds", "cpu_seconds", "settings",
     "appearance", "inputs", "frames", "capture_hash", "device", "versions", "error", "key",
 )  # fmt: skip
@@ -87,7 +88,7 @@ def tables_of(rows: Sequence[Row]) -> list[Table]:
     for name in names:
         members = [row for row in rows if row["experiment"] == name]
         if name == "comparison":
-            tables += [_errors(members, metric), _margins(members, metric)]
+            tables += [_errors(members, metric), _margins(members, metric), *_alike(members, metric)]
         else:
             tables.append(_factor(name, members, metric))
     return tables
@@ -138,6 +139,27 @@ def _margins(rows: Sequence[Row], metric: Metric) -> Table:
         "bootstrap interval"
     )
     return Table(caption, ("method", "pairs", "median cm", "interval", "verdict"), body)
+
+
+def _alike(rows: Sequence[Row], metric: Metric) -> list[Table]:
+    """Tabulate every method's poses as it leaves them frame by frame, and solved as a clip, as ours are: then the
+    methods differ in what they ask of the pictures. There is no table where no run has both."""
+    by_frame, solved = (metric.column.replace("_cm", f"_{name}_cm") for name in ("by_frame", "solved"))
+    known = [row for row in rows if row.get(by_frame) is not None and row.get(solved) is not None]
+    if not known:
+        return []
+    ours = [row for row in known if row["value"] == "ours"]
+    body = []
+    for method in _in_order(known, "value"):
+        theirs = [row for row in known if row["value"] == method]
+        medians = [f"{summary(row[column] for row in theirs).median:.2f}" for column in (by_frame, solved)]
+        ahead = ("",) * 3 if method == "ours" else _difference(compare(ours, theirs, solved))[1:]
+        body.append((method, *medians, *ahead))
+    caption = (
+        f"{metric.name.capitalize()} in cm over all captures, frame by frame and with these poses solved as a clip; "
+        "how much larger it is than ours where both are solved"
+    )
+    return [Table(caption, ("method", "frame by frame", "solved", "median cm", "interval", "verdict"), body)]
 
 
 def _factor(name: str, rows: Sequence[Row], metric: Metric) -> Table:

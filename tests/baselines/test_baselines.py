@@ -147,6 +147,6 @@ def test_the_tracker_s_energy_under_other_optimisers(world, name, most):
 
 def test_methods_by_name():
     assert isinstance(method("ours", "draft"), Tracker)
-    with pytest.raises(InputError, match="ours, local"):
+    with pytest.raises(InputError, match="ours, ours-with-keypoints, local"):
         method("nothing")
-    assert len(METHODS) == 13
+    assert len(METHODS) == 14
