@@ -51,7 +51,7 @@ def fit_character(
     refuse_unusable(out)
     if scale_cameras and height is None:
         raise InputError("--scale-cameras scales the cameras to the person's height; say it with --height METRES")
-    opened = Capture.open(capture)
+    opened = Capture.open(capture).one_way_up()
     generic, held = _generic(opened, actor, height), height
     if scale_cameras and height is not None:
         generic, held = scaled(generic, BodyShape.of(float(np.log(height / stature(generic))))), None

@@ -43,7 +43,8 @@ def register(
     from jaxmocap.registration import read_pose_file, register
 
     refuse_if_taken(out)
-    opened = Capture.open(capture)
+    filmed = Capture.open(capture)
+    opened = filmed.one_way_up()
     with progress() as report:
         character = character_of(opened, actor, height, say=say, progress=report).character
     cameras = opened.cameras
@@ -59,7 +60,7 @@ def register(
         for number, frame in enumerate(selected):
             report("register", number, len(selected))
             found |= register(opened, cameras, character, (frame,), key=jax.random.fold_in(key, 1), overrides=overrides)
-            _draw(opened, cameras, character, found[frame], folder)
+            _draw(filmed, filmed.cameras, character, found[frame], folder)
         report("register", len(selected), len(selected))
         record = registration_record(found, character, mask_record(opened, masks))
         write_json(folder / "registration.json", record)

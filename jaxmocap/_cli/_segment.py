@@ -33,7 +33,7 @@ def segment(
     from jaxmocap.viewers import draw_mask
 
     refuse_if_taken(out)
-    opened = Capture.open(capture)
+    opened = Capture.open(capture).one_way_up()
     with progress() as report:
         character = character_of(opened, height=height, say=say, progress=report).character
     overrides = None if pose is None else read_pose_file(pose)
@@ -49,7 +49,8 @@ def segment(
                 assert mask is not None
                 recorded = np.where(complete.recorded_mask(camera, mask), 255, 0).astype(np.uint8)
                 write_png(mask_file(folder / "masks", name, own), np.repeat(recorded[..., None], 3, axis=2))
-                write_png(folder / f"overlay_{name}_{own:05d}.png", draw_mask(complete.image(camera, frame), mask))
+                drawn = complete.as_filmed(camera, draw_mask(complete.image(camera, frame), mask))
+                write_png(folder / f"overlay_{name}_{own:05d}.png", drawn)
         record = mask_record(opened, found)
         write_json(folder / "segmentation.json", record)
     show(record, lambda: _table(record, opened.camera_names, out), json_wanted=json)

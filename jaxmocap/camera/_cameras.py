@@ -63,6 +63,25 @@ class Cameras(eqx.Module):
         scale = jnp.concatenate([factors, jnp.ones_like(factors[:, :1])], axis=1)[:, :, None]
         return replace(self, sizes=sizes, intrinsics=self.intrinsics * scale)
 
+    def turned(self, which: tuple[bool, ...]) -> "Cameras":
+        """Turn the pictures of some cameras by a quarter to the left: x' = y, y' = width - x, pixels.
+
+        They have no distortion then: pictures are turned after it has been removed.
+        """
+        if not any(which):
+            return self
+        chosen, widths = jnp.array(which), jnp.array([float(width) for width, _ in self.sizes])
+        quarter = jnp.eye(4).at[:2, :2].set(jnp.array([[0.0, 1.0], [-1.0, 0.0]]))
+        turns = jnp.where(chosen[:, None, None], quarter, jnp.eye(4))
+        pixels, back = turns[:, :3, :3].at[:, 1, 2].add(chosen * widths), turns[:, :3, :3].mT
+        return replace(
+            self,
+            sizes=tuple((h, w) if turn else (w, h) for (w, h), turn in zip(self.sizes, which, strict=True)),
+            intrinsics=jnp.matmul(jnp.matmul(pixels, self.intrinsics, precision=_EXACT), back, precision=_EXACT),
+            distortion=jnp.where(chosen[:, None], 0.0, self.distortion),
+            cam_from_world=jnp.matmul(turns[:, None], self.cam_from_world, precision=_EXACT),
+        )
+
     def centres(self) -> Float[Array, "camera frame 3"]:
         """Compute the optical centres in the world, metres: -R^T t."""
         rotation, translation = self.cam_from_world[..., :3, :3], self.cam_from_world[..., :3, 3]

@@ -18,7 +18,7 @@ from jaxmocap.camera import Cameras, read_cameras
 from jaxmocap.detection import BODY_25, LayoutName, VideoKeypoints, best_person
 
 from ._config import CaptureConfig, Finding, config_path, missing_files, read_config, selected_positions, span_of
-from ._picture_steps import Reduction, Undistortion, mask_file, read_mask, reduced_size
+from ._picture_steps import Reduction, Turn, Undistortion, mask_file, read_mask, reduced_size, turns
 from ._video import FrameReader, VideoIndex, index_video, shared_frames
 
 KEYPOINT_NAMES = tuple("pelvis" if name == "mid_hip" else name for name in BODY_25.points)
@@ -29,7 +29,7 @@ SILHOUETTES = "silhouettes"
 
 _METRES = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
 _CACHED_IMAGES = 8
-_OPENED = ("timestamps", "cameras", "_reductions", "_undistortions", "_random_access")
+_OPENED = ("timestamps", "cameras", "_calibrated", "_reductions", "_undistortions", "_random_access")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,7 @@ class Capture:
         longest_side: pixels; longer pictures are made smaller when decoded, and masks, keypoints and cameras with them;
             None: never.
         keypoint_layout: of the keypoint files; None: told by the number of points.
+        turned: cameras whose pictures, masks, keypoints and poses are turned by a quarter (`one_way_up`); none: ().
     """
 
     folder: Path
@@ -85,6 +86,7 @@ class Capture:
     found_masks: Mapping[tuple[int, int], Bool[np.ndarray, "height width"]] = field(default_factory=dict)
     longest_side: int | None = None
     keypoint_layout: LayoutName | None = None
+    turned: tuple[bool, ...] = ()
 
     @staticmethod
     def open(path: str | Path, *, with_cameras: bool = True, longest_side: int | None = None) -> "Capture":
@@ -122,6 +124,12 @@ class Capture:
     @property
     def sizes(self) -> tuple[tuple[int, int], ...]:
         """(width, height) of each camera's pictures, in pixels."""
+        sizes, turned = self._upright_sizes, self.turned or (False,) * self.num_cameras
+        return tuple((h, w) if turn else (w, h) for (w, h), turn in zip(sizes, turned, strict=True))
+
+    @property
+    def _upright_sizes(self) -> tuple[tuple[int, int], ...]:
+        """As `sizes`, before any are turned."""
         return tuple(reduced_size(size, self.longest_side) for size in self.recorded_sizes)
 
     @property
@@ -137,6 +145,11 @@ class Capture:
     @cached_property
     def cameras(self) -> Cameras:
         """The calibrated cameras over the shared frames, in metres. Raises `InputError` if there are none."""
+        return self._calibrated.turned(self.turned)
+
+    @cached_property
+    def _calibrated(self) -> Cameras:
+        """As `cameras`, before any are turned."""
         if self.cameras_path is None:
             raise InputError(
                 f"capture {self.folder} has no cameras: calibrate it first (jaxmocap calibrate {self.folder}), or name "
@@ -144,21 +157,21 @@ class Capture:
             )
         sizes, path = self.recorded_sizes, self.cameras_path
         cameras = read_cameras(path, self.camera_names, self.num_frames, sizes, self.video_frames, self.metres_per_unit)
-        return cameras.resized(self.sizes)
+        return cameras.resized(self._upright_sizes)
 
     @cached_property
     def _reductions(self) -> tuple[Reduction | None, ...]:
-        sizes = zip(self.recorded_sizes, self.sizes, strict=True)
+        sizes = zip(self.recorded_sizes, self._upright_sizes, strict=True)
         return tuple(Reduction(recorded, size) if recorded != size else None for recorded, size in sizes)
 
     @cached_property
     def _undistortions(self) -> tuple[Undistortion | None, ...]:
         if self.cameras_path is None:
             return (None,) * self.num_cameras
-        intrinsics, distortion = np.asarray(self.cameras.intrinsics), np.asarray(self.cameras.distortion)
+        intrinsics, distortion = np.asarray(self._calibrated.intrinsics), np.asarray(self._calibrated.distortion)
         return tuple(
             Undistortion(k, d, size) if d.any() else None
-            for k, d, size in zip(intrinsics, distortion, self.sizes, strict=True)
+            for k, d, size in zip(intrinsics, distortion, self._upright_sizes, strict=True)
         )
 
     def _own_frame(self, camera_index: int, frame: int) -> int:
@@ -191,10 +204,11 @@ class Capture:
             image = step.image(image)
         return image
 
-    def _steps(self, camera_index: int) -> list[Reduction | Undistortion]:
-        """From the recorded video to the pictures: smaller, then undistorted."""
+    def _steps(self, camera_index: int) -> list[Reduction | Undistortion | Turn]:
+        """From the recorded video to the pictures: smaller, then undistorted, then turned."""
         steps = (self._reductions[camera_index], self._undistortions[camera_index])
-        return [step for step in steps if step is not None]
+        turn = [Turn(self._upright_sizes[camera_index][0])] if self.turned and self.turned[camera_index] else []
+        return [*(step for step in steps if step is not None), *turn]
 
     @cached_property
     def _random_access(self) -> "_RandomAccess":
@@ -274,7 +288,32 @@ class Capture:
 
     def as_recorded(self) -> "Capture":
         """Return the same capture with pictures, masks, keypoints and cameras of the videos' own sizes."""
-        return replace(self, longest_side=None, found_masks={})
+        return replace(self, longest_side=None, found_masks={}, turned=())
+
+    def one_way_up(self) -> "Capture":
+        """Return the same capture with the pictures of some cameras turned by a quarter, and all that belongs to them.
+
+        Tracking looks at a rectangle that has one size in all views, for which narrow pictures beside low ones leave
+        little. It is the capture itself where all cameras were held the same way.
+        """
+        turned = turns(self._upright_sizes)
+        if self.turned or not any(turned):
+            return self
+        masks = {
+            (camera, frame): Turn(mask.shape[1]).mask(mask) if turned[camera] else mask
+            for (camera, frame), mask in self.found_masks.items()
+        }
+        copy = replace(self, turned=turned, found_masks=masks)
+        copy.__dict__.update({name: self.__dict__[name] for name in _OPENED if name in self.__dict__})
+        for name in ("cameras", "_random_access"):  # whose pictures are not turned
+            copy.__dict__.pop(name, None)
+        return copy
+
+    def as_filmed(
+        self, camera_index: int, picture: UInt8[np.ndarray, "height width 3"]
+    ) -> UInt8[np.ndarray, "rows columns 3"]:
+        """Turn a picture of this capture back the way its camera was held."""
+        return np.rot90(picture, -1) if self.turned and self.turned[camera_index] else picture
 
     def _with(self, **changes: Any) -> "Capture":
         """Make a changed copy that shares the cameras read and the videos opened."""

@@ -10,6 +10,7 @@ from jaxmocap.camera import Cameras, ViewGeometry, look_at_point, ranges, view_g
 
 from ._capture import Capture
 from ._config import Finding
+from ._picture_steps import turns
 
 _WORST_RATIO = 7.5  # of depth to across: two cameras 15 degrees apart
 _SMALLEST_PERSON = 0.15  # of the picture's height
@@ -51,7 +52,7 @@ def check_views(capture: Capture, cameras: Cameras, people: People) -> Iterator[
     if places is None:
         return
     yield from _in_picture(capture, cameras, people)
-    yield from check_common_size(cameras, people)
+    yield from check_common_size(cameras.turned(turns(cameras.sizes)), people)
     together = [view_geometry(focal, poses[:, frame], place) for frame, place in enumerate(places)]
     for a, b in combinations(range(capture.num_cameras), 2):
         pair = [view_geometry(focal[[a, b]], poses[[a, b], frame], place) for frame, place in enumerate(places)]

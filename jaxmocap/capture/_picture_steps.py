@@ -1,5 +1,7 @@
-"""From recorded videos and mask files to the pictures that are worked on: made smaller, lens distortion removed."""
+"""From recorded videos and mask files to the pictures that are worked on: made smaller, lens distortion removed, and
+turned where a camera was held the other way than the others."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -18,6 +20,44 @@ def reduced_size(size: tuple[int, int], longest_side: int | None) -> tuple[int, 
         return size
     width, height = (max(2 * round(side * longest_side / max(size) / 2), 2) for side in size)
     return width, height
+
+
+def turns(sizes: Sequence[tuple[int, int]]) -> tuple[bool, ...]:
+    """Say which pictures to turn by a quarter so that what all (width, height) have in common is largest.
+
+    None are turned where that gains nothing, as where all cameras were held the same way.
+    """
+    lying = np.array([width > height for width, height in sizes])
+    choices = (np.zeros_like(lying), ~lying, lying)
+
+    def common(turned: Bool[np.ndarray, "camera"]) -> int:
+        shown = np.where(turned[:, None], np.fliplr(sizes), sizes)
+        return int(shown.min(axis=0).prod())
+
+    return tuple(bool(turn) for turn in max(choices, key=common))
+
+
+class Turn:
+    """A quarter turn to the left, of pictures `width` pixels wide."""
+
+    def __init__(self, width: int):
+        self._width = width
+
+    def image(self, image: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "width height 3"]:
+        """Turn an image: its right edge becomes the upper one."""
+        return np.ascontiguousarray(np.rot90(image))
+
+    def mask(self, mask: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "width height"]:
+        """Turn a mask."""
+        return np.ascontiguousarray(np.rot90(mask))
+
+    def recorded_mask(self, mask: Bool[np.ndarray, "width height"]) -> Bool[np.ndarray, "height width"]:
+        """Invert `mask`."""
+        return np.ascontiguousarray(np.rot90(mask, -1))
+
+    def points(self, points: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 2"]:
+        """Map pixels of the picture to pixels of the turned one."""
+        return np.stack([points[:, 1], self._width - points[:, 0]], axis=1)
 
 
 class Reduction:

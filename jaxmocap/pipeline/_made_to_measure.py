@@ -161,6 +161,7 @@ def _fitted(
     progress: Report | None,
 ) -> MadeBody:
     """Lengths from keypoints, then outlines found with that body, then lengths and girths from both."""
+    capture = capture.one_way_up()
     cameras, tell = capture.cameras, progress or (lambda stage, done, total: None)
     steps = lambda stage, done, total: tell(f"body: {stage}", done, total)  # noqa: E731
     held = None if scale_cameras else height

@@ -25,7 +25,7 @@ from jaxmocap._runtime import versions
 from jaxmocap._types import Quality
 from jaxmocap.capture import Capture, Detections, check_common_size, content_hash, path_hash, triangulated_people
 from jaxmocap.character import Character
-from jaxmocap.motion import Motion
+from jaxmocap.motion import Motion, cameras_at
 from jaxmocap.observation import observe
 from jaxmocap.refinement import DetectionPlan
 from jaxmocap.registration import Registration, masks_of, read_pose_file
@@ -131,7 +131,8 @@ def track_capture(
     make_room()
     run_like = {"path": str(Path(path).resolve()), "quality": quality, "settings": dict(settings or {})}
     preload_programs(run_like)
-    capture = Capture.open(path)
+    filmed = Capture.open(path)
+    capture = filmed.one_way_up()
     key = jax.random.key(seed)
     made_body = character_of(
         capture, actor, height, key=jax.random.fold_in(key, 5), say=say, progress=progress, cache=cache
@@ -165,7 +166,7 @@ def track_capture(
     if resume and finished(out):
         motion = _finished_motion(out, run_inputs)
         if not (out / REPORT_PAGE).is_file():  # a run was killed before it wrote the page
-            report_page(out, capture=capture, say=say)
+            report_page(out, capture=filmed, say=say)
         return motion
     with run_folder(out, resume=resume) as (staging, kept_in):
         checkpoint = Checkpoint(kept_in, run_inputs)
@@ -220,6 +221,7 @@ def track_capture(
             "registration": registration_record(made.registrations, character, mask_record(capture, made.masks)),
         }
         motion = motion_of(observations, results, provenance, tracker.verdict, tracker.clip)
+        motion = replace(motion, cameras=cameras_at(filmed.cameras, [result.frame for result in results]))
         motion.save(staging)
         write_json(staging / "registration.json", provenance["registration"])
         write_json(
@@ -235,10 +237,10 @@ def track_capture(
         )
         if overlays:
             tell("overlays", 0, 1)
-            overlay_videos(capture, cameras, motion, staging)
+            overlay_videos(filmed, filmed.cameras, motion, staging)
             tell("overlays", 1, 1)
     tell("report page", 0, 1)  # made of what is written; whatever happens to it, the result is safe
-    report_page(out, capture=capture, say=say)
+    report_page(out, capture=filmed, say=say)
     tell("report page", 1, 1)
     return motion
 
