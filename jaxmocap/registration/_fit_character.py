@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -34,6 +35,7 @@ FEWEST_VIEWS = 8
 """Views of one moment that tell as much of a person's proportions as two or three of several moments do."""
 
 _POINTS = BODY_25 | FACE
+_T = TypeVar("_T")
 
 
 def fit_character(
@@ -174,7 +176,7 @@ def usable_frames(capture: Capture, cameras: Cameras, frames: Sequence[int]) -> 
     return tuple(usable)
 
 
-def _stacked(values: list):
+def _stacked(values: list[_T]) -> _T:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *values)
 
 

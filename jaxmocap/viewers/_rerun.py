@@ -3,6 +3,7 @@
 import os
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -53,7 +54,7 @@ def write_rerun(
     return path, shown.missing
 
 
-def _log(recording, rr, shown: Shown) -> None:
+def _log(recording: Any, rr: Any, shown: Shown) -> None:
     motion = shown.motion
     axes = getattr(rr.ViewCoordinates, f"RIGHT_HAND_{motion.up.upper()}_UP")
     recording.log("world", axes, static=True)
@@ -75,7 +76,9 @@ def _log(recording, rr, shown: Shown) -> None:
         recording.log("confidence", rr.Scalars(float(motion.confidence[index].mean())))
 
 
-def _log_body(recording, rr, shown: Shown, path: str, motion: Motion, index: int, colour: tuple[int, int, int]) -> None:
+def _log_body(
+    recording: Any, rr: Any, shown: Shown, path: str, motion: Motion, index: int, colour: tuple[int, int, int]
+) -> None:
     mesh = rr.Mesh3D(
         vertex_positions=motion.vertices(index),
         triangle_indices=np.asarray(motion.character.faces),
@@ -86,7 +89,7 @@ def _log_body(recording, rr, shown: Shown, path: str, motion: Motion, index: int
     recording.log(f"{path}/skeleton", rr.LineStrips3D(shown.bones(motion, index), radii=0.007, colors=(20, 90, 40)))
 
 
-def _log_camera(recording, rr, shown: Shown, view: int, path: str, index: int) -> None:
+def _log_camera(recording: Any, rr: Any, shown: Shown, view: int, path: str, index: int) -> None:
     cameras = shown.motion.cameras
     assert cameras is not None  # it has names, so there are cameras
     cam_from_world = np.asarray(cameras.cam_from_world[view, index], np.float64)
