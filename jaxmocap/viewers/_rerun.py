@@ -11,6 +11,7 @@ import numpy as np
 from jaxmocap._files import atomic_path
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
+from jaxmocap.geometry import unit_vectors
 from jaxmocap.motion import Motion
 
 from ._shown import Shown, gather
@@ -112,4 +113,4 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     normals = np.zeros_like(vertices)
     for corner in range(3):
         np.add.at(normals, faces[:, corner], np.cross(b - a, c - a))
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return unit_vectors(normals)
