@@ -20,15 +20,8 @@ from jaxmocap.observation import BODY_25, FACE, stacked_keypoints
 from ._character_fit import CharacterFit, CharacterFitSettings
 from ._fit_surface import fit_surface
 from ._inverse_kinematics import inverse_kinematics, triangulated
-from ._shape_problem import (
-    OFFSETS,
-    FramesSeen,
-    ShapeProblem,
-    detector_points,
-    mask_problems,
-    outlines,
-    solve,
-)
+from ._shape_outlines import mask_problems, outlines
+from ._shape_problem import OFFSETS, FramesSeen, ShapeProblem, detector_points, solve
 
 FEWEST_FRAMES, FEWEST_POINTS = 3, 3
 FEWEST_VIEWS = 8
