@@ -7,7 +7,7 @@ from box_figure import box_character, box_motion
 
 from jaxmocap._files import atomic_folder, atomic_path, claim_output, npz_bytes, write_bytes, write_json
 from jaxmocap._results import InputError
-from jaxmocap.motion import Motion, _storage, at_times, read_npz, turned
+from jaxmocap.motion import Motion, _arrays, at_times, read_npz, turned
 
 
 @pytest.fixture(scope="module")
@@ -270,6 +270,6 @@ def test_two_runs_into_one_folder_do_not_mix(motion, tmp_path):
 
 
 def test_the_schema_in_the_text_is_the_schema_on_disk(saved):
-    text = _storage.__doc__
+    text = _arrays.__doc__
     for name in read_npz(saved / "motion.npz"):
         assert name in text or name.startswith("energy_"), name
