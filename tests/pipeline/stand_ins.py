@@ -1,6 +1,7 @@
 """A run in which stand-ins (`done` of the conftest) take the place of the stages, and its keypoints."""
 
 import json
+from pathlib import Path
 
 from jaxmocap.pipeline import RunResult, run
 
@@ -18,3 +19,8 @@ def again(videos, out, **options) -> tuple[RunResult, list[str]]:
     result = run(videos, out, plan=note, **({"height": 1.8} | options))
     assert list(result.seconds) == planned
     return result, planned
+
+
+def make_folder(folder: Path) -> Path:
+    folder.mkdir()
+    return folder

@@ -4,7 +4,7 @@ import json
 import shutil
 
 import pytest
-from stand_ins import VIDEO, again
+from stand_ins import VIDEO, again, make_folder
 
 from jaxmocap._cli import run as command
 from jaxmocap._results import InputError

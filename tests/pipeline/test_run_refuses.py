@@ -1,12 +1,11 @@
 """What `run` refuses before anything is done, and whose folders it leaves alone."""
 
 import shutil
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from small_captures import make_video
-from stand_ins import STAGES, VIDEO, again
+from stand_ins import STAGES, VIDEO, again, make_folder
 
 from jaxmocap._cli import run as command
 from jaxmocap._results import InputError
@@ -109,11 +108,6 @@ def real_weights(monkeypatch):
     monkeypatch.setattr(_run_files, "get_weights", _weights.get_weights)
     monkeypatch.setattr(_weights.shutil, "which", lambda name: None)
     monkeypatch.setattr(_weights.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=1, stderr="no network"))
-
-
-def make_folder(folder: Path) -> Path:
-    folder.mkdir()
-    return folder
 
 
 @pytest.mark.parametrize(
