@@ -12,7 +12,7 @@ from ._calibrate import (
     check_camera_distance as check_camera_distance,
     refuse_gaps as refuse_gaps,
 )
-from ._footage import PHONE_FOCAL as PHONE_FOCAL, usual_focal as usual_focal
+from ._focal import PHONE_FOCAL as PHONE_FOCAL, usual_focal as usual_focal
 from ._in_place import (
     adopt_cameras as adopt_cameras,
     calibrate_in_place as calibrate_in_place,

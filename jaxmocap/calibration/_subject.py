@@ -63,6 +63,20 @@ def known_bone_lengths(capture: Capture, height: float | None) -> tuple[dict[str
     return lengths, "actor" if height is None else "actor and height"
 
 
+def keypoints_of(capture: Capture, most: int = 30) -> dict[int, np.ndarray]:
+    """Read BODY_25 keypoints, (camera, 25, 3) by shared frame, in pixels of the recorded videos.
+
+    Frames are those at which two cameras have keypoints, at most `most` of them. `capture` is as recorded.
+    """
+    frames = [set(capture.keypoint_frames(camera)) for camera in range(capture.num_cameras)]
+    shared = sorted(f for f in set().union(*frames) if sum(f in own for own in frames) >= 2)
+    found = {}
+    for frame in shared[:: max(1, -(-len(shared) // most))]:
+        people = [capture.keypoints(camera, frame) for camera in range(capture.num_cameras)]
+        found[frame] = np.stack([np.zeros((25, 3)) if person is None else person for person in people])
+    return found
+
+
 def subject_views(capture: Capture, solved: Solved, keypoints: dict[int, np.ndarray]) -> list[SubjectView]:
     """Take the lenses' distortion out of keypoints, and add the cameras that saw them, in the model's world."""
     lenses = [
