@@ -21,7 +21,7 @@ _PIXEL_SIGMA = 3.0  # of a detector, pixels at a width of 960
 _BONE_SIGMA = 0.04  # of a bone's length: a detector's joints are not the skeleton's
 FEWEST_BONES = 4
 MOST_INSTANTS = 36
-"""Of those with keypoints, as many tell the scale."""
+"""As many instants at the most are used to find the scale."""
 _HEIGHT_DEVIATION = 0.04  # limbs of people of one height differ by this
 
 
@@ -31,9 +31,9 @@ class Scale(NamedTuple):
     Attributes:
         metres_per_unit: of the model.
         deviation: its standard deviation, relative.
-        source: what it is from.
-        num_bones: that were measured; 0 where it is not from bones.
-        num_frames: in which they were.
+        source: what it was found from.
+        num_bones: number of bones that were measured; 0 where it was not found from bones.
+        num_frames: number of frames in which they were measured.
     """
 
     metres_per_unit: float

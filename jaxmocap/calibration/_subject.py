@@ -30,8 +30,8 @@ class SubjectView(NamedTuple):
     """What the cameras see of the person at one instant.
 
     Attributes:
-        intrinsics: of the cameras.
-        cam_from_world: their poses.
+        intrinsics: of the cameras, pixels.
+        cam_from_world: their poses, in the model's units.
         keypoints: BODY_25 as x, y, confidence; pixels, the lenses' distortion taken out.
     """
 

@@ -14,7 +14,8 @@ from jaxmocap.energies import ContourSettings, SurfaceLines, contour_lines
 from jaxmocap.observation import FrameProblem, build_problem, draw, frame_rectangle, mask_edges, surface_of
 
 OUTLINE_SCALE = 0.02
-_WIDE_ROUNDS = 3
+"""Distance from an outline that counts as one in the residual, metres."""
+_WIDE_ROUNDS = 3  # the first ones look for outlines farther away
 Masks = list[list[Bool[np.ndarray, "height width"] | None]]
 Outlines = tuple[SurfaceLines, Float[Array, "frame row"], Float[Array, "frame row"]]
 
