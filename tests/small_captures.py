@@ -142,3 +142,10 @@ name = "cam1"
 video = "cam1.mp4"
 """
 POSES = {"cam0": look_at_pose(-12.0), "cam1": look_at_pose(12.0)}
+
+
+def edit_toml(folder: Path, old: str, new: str) -> None:
+    """Replace a part of a capture's file, which must be there."""
+    text = (folder / "capture.toml").read_text()
+    assert old in text
+    (folder / "capture.toml").write_text(text.replace(old, new))

@@ -1,6 +1,6 @@
 """What is kept from run to run: exported programs, stages, and records to store them."""
 
-from ._key import code_hash as code_hash, machine as machine
+from ._exported import code_hash as code_hash, machine as machine
 from ._programs import (
     cached_jit as cached_jit,
     free_programs as free_programs,

@@ -14,14 +14,24 @@ from typing import Any, ClassVar, ParamSpec, TypeVar, cast
 
 import equinox as eqx
 import jax.core
-import jax.export
 import numpy as np
 
 from jaxmocap._files import keep_newest, write_json
-from jaxmocap._runtime import quick_loops, versions
+from jaxmocap._runtime import quick_loops
 
-from ._key import code_hash, machine
-from ._records import UnreadableRecord, digest, read_records, write_records
+from ._exported import (
+    UNKEEPABLE,
+    UNREADABLE,
+    Program,
+    code_hash,
+    configuration,
+    loaded,
+    lowered,
+    program_key,
+    read_program,
+    shape_of,
+)
+from ._records import digest, write_records
 
 FOLDER = "JAXMOCAP_PROGRAMS"
 """The environment variable that names the folder; empty or absent: nothing is kept."""
@@ -36,15 +46,9 @@ AHEAD = 24
 """As many programs are loaded ahead: about those that are used until the first frame is tracked."""
 
 _PACKAGE = __name__.split(".")[0]
-_TRACED_BY = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "jaxtyping", "numpy")
-_UNREADABLE = (OSError, ImportError, UnreadableRecord, KeyError, TypeError, ValueError, RuntimeError)
-_UNKEEPABLE = (ImportError, TypeError, ValueError, NotImplementedError, KeyError)
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
-_Program = tuple[Any, Any]
-"""Of flat arrays to flat arrays, and the structure of the answer."""
-
-_ahead: dict[Path, Future[_Program]] = {}
+_ahead: dict[Path, Future[Program]] = {}
 _used: dict[str, None] = {}
 
 
@@ -102,7 +106,7 @@ def preload_programs(inputs: Mapping[str, Any]) -> None:
     with contextlib.suppress(OSError, ValueError, TypeError):
         files = [path.parent / Path(name).name for name in json.loads(path.read_text())[:AHEAD]]
         worker = ThreadPoolExecutor(1, "programs")
-        _ahead.update((file, worker.submit(_read, file, True)) for file in files)
+        _ahead.update((file, worker.submit(read_program, file, True)) for file in files)
         worker.shutdown(wait=False)
 
 
@@ -137,7 +141,7 @@ class _CachedJit:
         self.function = function
         self.options = options
         self.on_cpu = on_cpu
-        self.programs: dict[Any, _Program | None] = {}
+        self.programs: dict[Any, Program | None] = {}
 
     @functools.cached_property
     def traced(self) -> Callable[..., Any]:
@@ -163,8 +167,8 @@ class _CachedJit:
             return self._from_accelerator(args)
         if not folder or jax.default_backend() != "cpu" or inside:
             return self.traced(*args)
-        shapes = tuple(_shape(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
-        known = (folder, tree, shapes, *(_configuration().items()))
+        shapes = tuple(shape_of(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
+        known = (folder, tree, shapes, *(configuration().items()))
         if known not in self.programs:
             self.programs[known] = self._program(Path(folder), tree, leaves, arrays)
         found = self.programs[known]
@@ -187,111 +191,30 @@ class _CachedJit:
 
         return moved(self.traced(*moved(args, cpu)), None)
 
-    def _program(self, folder: Path, tree: Any, leaves: list[Any], arrays: list[Any]) -> _Program | None:
+    def _program(self, folder: Path, tree: Any, leaves: list[Any], arrays: list[Any]) -> Program | None:
         """From disk, or traced and put there; None where it cannot be kept."""
+        options = self.options()
         try:
-            path = (
-                folder / f"{self.function.__name__.strip('_')}-{_key(self.function, self.options(), tree, leaves)}.npz"
-            )
+            key = program_key(self.function, options, tree, leaves)
         except TypeError:
             return None
+        path = folder / f"{self.function.__name__.strip('_')}-{key}.npz"
         _used[path.name] = None
-        with contextlib.suppress(*_UNREADABLE):
+        with contextlib.suppress(*UNREADABLE):
             loading = _ahead.pop(path, None)
-            found = _read(path) if loading is None or loading.cancel() else loading.result()
+            found = read_program(path) if loading is None or loading.cancel() else loading.result()
             os.utime(path)
             return found
         try:
-            stored = self._lowered(tree, leaves, arrays)
-            program = _loaded(stored)
-        except _UNKEEPABLE:
+            stored = lowered(self.function, options, tree, leaves, arrays)
+            program = loaded(stored)
+        except UNKEEPABLE:
             return None
         with contextlib.suppress(OSError, TypeError):
             folder.mkdir(parents=True, exist_ok=True)
             write_records(path, stored)
             keep_newest(folder, LARGEST)
         return program
-
-    def _lowered(self, tree: Any, leaves: list[Any], arrays: list[Any]) -> dict[str, Any]:
-        """Trace a program and return what is stored of it."""
-        fixed = [None if eqx.is_array(leaf) else leaf for leaf in leaves]
-        places = [place for place, leaf in enumerate(leaves) if eqx.is_array(leaf)]
-        answers: list[Any] = []
-
-        def flat(*arrays: Any) -> list[Any]:
-            filled = list(fixed)
-            for place, array in zip(places, arrays, strict=True):
-                filled[place] = array
-            values, answer = jax.tree.flatten(self.function(*jax.tree.unflatten(tree, filled)))
-            if any(not eqx.is_array(value) or _weak(value) or _is_key(value) for value in values):
-                raise TypeError("an answer that is no plain array would not come back as it was")
-            answers.append(answer)
-            return values
-
-        flat.__name__ = self.function.__name__
-        weak = [_weak(array) for array in arrays]
-        specs = [jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=w) for a, w in zip(arrays, weak, strict=True)]
-        exported = jax.export.export(jax.jit(flat))(*specs)
-        answer = jax.tree.unflatten(answers[-1], list(range(len(exported.out_avals))))
-        program = np.frombuffer(exported.serialize(), np.uint8)
-        about = {"name": self.function.__name__, "options": self.options(), "weak": weak, "answer": answer}
-        return about | {"program": program}
-
-
-def _read(path: Path, compile_it: bool = False) -> _Program:
-    return _loaded(read_records(path), compile_it)
-
-
-def _loaded(stored: dict[str, Any], compile_it: bool = False) -> _Program:
-    """Load a stored program; with `compile_it` XLA has it ready before it is first called."""
-    exported = jax.export.deserialize(bytearray(stored["program"].tobytes()))
-
-    def program(*arrays: Any) -> Any:
-        return exported.call(*arrays)
-
-    program.__name__ = stored["name"]
-    options = {"compiler_options": stored["options"]} if stored["options"] else {}
-    if exported.nr_devices > 1:
-        mesh = jax.sharding.Mesh(np.array(jax.local_devices()), ("every",))
-        options["in_shardings"] = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
-    jitted = jax.jit(program, **options)
-    if compile_it:
-        specs = zip(exported.in_avals, stored["weak"], strict=True)
-        jitted.lower(*(jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=weak) for a, weak in specs)).compile()
-    return jitted, jax.tree.structure(stored["answer"])
-
-
-def _weak(array: Any) -> bool:
-    return bool(getattr(array, "weak_type", False))
-
-
-def _is_key(array: Any) -> bool:
-    return jax.dtypes.issubdtype(array.dtype, jax.dtypes.prng_key)
-
-
-def _shape(array: Any) -> tuple[str, tuple[int, ...], bool]:
-    return str(array.dtype), tuple(array.shape), _weak(array)
-
-
-def _configuration() -> dict[str, str]:
-    return {name: str(getattr(jax.config, name, value)) for name, value in jax.config.values.items()}
-
-
-def _key(function: Callable[..., Any], options: dict[str, Any], tree: Any, leaves: list[Any]) -> str:
-    """Hash all that a program depends on. Raises `TypeError` for values that have no name in another run."""
-    described = [{"array": _shape(leaf)} if eqx.is_array(leaf) else leaf for leaf in leaves]
-    return digest(
-        {
-            "function": f"{function.__module__}:{function.__qualname__}",
-            "arguments": jax.tree.unflatten(tree, described),
-            "options": options,
-            "source": code_hash(),
-            "versions": versions(_TRACED_BY),
-            "machine": machine(),
-            "configuration": _configuration(),
-        },
-        foreign=False,
-    )
 
 
 def _note(inputs: Mapping[str, Any]) -> Path | None:

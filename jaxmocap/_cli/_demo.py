@@ -16,6 +16,8 @@ from ._register import refuse_if_taken
 from ._track import report_trust, summary
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from jaxmocap.motion import Motion
 
 _SIZE = (480, 270)
@@ -55,7 +57,7 @@ def demo(
     return report_trust(motion)
 
 
-def contact_sheet_of(path: Path, motion: "Motion"):
+def contact_sheet_of(path: Path, motion: "Motion") -> "np.ndarray":
     """Draw the tracked body over a few frames, one row per frame and one column per camera."""
     import numpy as np
 

@@ -64,16 +64,11 @@ def write_csv(path: str | os.PathLike[str], head: Sequence[str], rows: Iterable[
     write_text(path, text.getvalue())
 
 
-def write_npz(path: str | os.PathLike[str], arrays: Mapping[str, np.ndarray]) -> None:
-    """Write named arrays to `path` atomically as a compressed npz. Equal arrays give equal bytes.
+def npz_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """Compress named arrays as an npz file holds them; equal arrays give equal bytes.
 
     Raises `TypeError` for an array of Python objects, which only a pickle could hold.
     """
-    write_bytes(path, npz_bytes(arrays))
-
-
-def npz_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Return the bytes `write_npz` would write."""
     for name, values in arrays.items():
         if values.dtype.hasobject:
             raise TypeError(f"the array {name} holds Python objects")

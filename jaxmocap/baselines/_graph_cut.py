@@ -29,8 +29,7 @@ class GridCut:
             lengths.append(np.full(gaps[-1].shape, np.hypot(down, right)))
         gap, length = np.concatenate(gaps), np.concatenate(lengths)
         a, b = np.concatenate(pairs, axis=1)
-        self.pairs = (a, b)
-        self.weights = np.rint(_UNITS * (contrast * np.exp(-gap / max(2 * gap.mean(), 1e-12)) + constant) / length)
+        weights = np.rint(_UNITS * (contrast * np.exp(-gap / max(2 * gap.mean(), 1e-12)) + constant) / length)
         source, sink = height * width, height * width + 1
         every = number.ravel()
         ends = np.full(len(every), source), np.full(len(every), sink)
@@ -41,7 +40,7 @@ class GridCut:
         place[order] = np.arange(len(order))
         pointers = np.searchsorted(rows[order], np.arange(sink + 2))
         data = np.zeros(len(order), np.int32)
-        data[place[: 2 * len(a)]] = np.tile(self.weights, 2)
+        data[place[: 2 * len(a)]] = np.tile(weights, 2)
         self._sink = sink
         self._graph = csr_matrix((data, columns[order].astype(np.int32), pointers.astype(np.int32)), (sink + 1,) * 2)
         first = 2 * len(a)
@@ -74,10 +73,3 @@ class GridCut:
         ones = np.zeros(sink + 1, bool)
         ones[reached] = True
         return ones[: sink - 1].reshape(self.shape)
-
-    def energy_of(self, labels: np.ndarray, if_one: np.ndarray, if_zero: np.ndarray) -> float:
-        """Compute the energy of any labelling, nats."""
-        one, zero = (np.rint(_UNITS * np.clip(costs, -1e4, 1e4)) for costs in (if_one, if_zero))
-        flat = labels.ravel()
-        cut = flat[self.pairs[0]] != flat[self.pairs[1]]
-        return float(np.where(labels, one, zero).sum() + self.weights[cut].sum()) / _UNITS

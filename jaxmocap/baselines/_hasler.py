@@ -91,7 +91,12 @@ class SegmentAndFit(Baseline):
         return pose
 
     def _segment(
-        self, picture: np.ndarray, cut: GridCut, colours: ColourHistograms, body: Bool[np.ndarray, "height width"], step
+        self,
+        picture: np.ndarray,
+        cut: GridCut,
+        colours: ColourHistograms,
+        body: Bool[np.ndarray, "height width"],
+        step: int,
     ) -> Bool[np.ndarray, "height width"]:
         person, ground = colours.costs(picture)
         if not body.any():

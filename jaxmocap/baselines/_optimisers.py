@@ -92,7 +92,8 @@ class CovarianceMatrixAdaptation(AbstractSampler):
     answer: Answer = eqx.field(static=True, default="best_if_better")
     step: Knob = knob(0.6)
 
-    def _strategy(self, num_dofs: int):
+    def _strategy(self, num_dofs: int) -> tuple[Any, Any]:
+        """Make the strategy of evosax and its parameters."""
         try:
             from evosax.algorithms import CMA_ES  # pyright: ignore[reportMissingImports]
         except ImportError:

@@ -123,7 +123,7 @@ class PoseCut(Baseline):
         for dofs in groups:
             index = np.array(dofs)
 
-            def moved(values: np.ndarray, index=index, found=found) -> np.ndarray:
+            def moved(values: np.ndarray, index: np.ndarray = index, found: np.ndarray = found) -> np.ndarray:
                 whole = found.copy()
                 whole[index] = values
                 return whole

@@ -1,9 +1,9 @@
 """Calibration of moving cameras from their videos: one metric COLMAP model with a pose per camera and frame.
 
 `_calibrate` goes from `_footage` to a model in a child process (`_child` runs `_worker`: `_features`, `_matching`,
-`_mapping`, `_registration`, `_trajectory`, `_uncertainty`), from there by `_scale` to the metric `_world`, and to the
-`_report`. `_refine` improves cameras with the tracked body: `_sightings` make a `_joint_scene`, which
-`_joint_adjustment` solves. `_in_place` does either to a capture on disk. `_pictures` are single ones, of a scan.
+`_mapping`, `_registration`, `_trajectory`, `_uncertainty`), from there by `_subject` and `_scale` to the metric
+`_world`, and to the `_report`. `_refine` improves cameras with the tracked body: `_sightings` make a `_joint_scene`,
+which `_joint_adjustment` solves. `_in_place` does either to a capture on disk. `_pictures` are single ones, of a scan.
 """
 
 from ._calibrate import (
@@ -12,7 +12,7 @@ from ._calibrate import (
     check_camera_distance as check_camera_distance,
     refuse_gaps as refuse_gaps,
 )
-from ._footage import PHONE_FOCAL as PHONE_FOCAL, usual_focal as usual_focal
+from ._focal import PHONE_FOCAL as PHONE_FOCAL, usual_focal as usual_focal
 from ._in_place import (
     adopt_cameras as adopt_cameras,
     calibrate_in_place as calibrate_in_place,
@@ -23,10 +23,9 @@ from ._in_place import (
 from ._pictures import PlacedPictures as PlacedPictures, calibrate_pictures as calibrate_pictures
 from ._refine import RefinedCameras as RefinedCameras
 from ._report import draw_cameras as draw_cameras, png_bytes as png_bytes
-from ._scale import (
+from ._scale import Scale as Scale, fit_scale as fit_scale
+from ._subject import (
     PARTS_OF_HEIGHT as PARTS_OF_HEIGHT,
-    Scale as Scale,
     SubjectView as SubjectView,
-    fit_scale as fit_scale,
     triangulate_views as triangulate_views,
 )

@@ -18,14 +18,15 @@ from jaxmocap.camera import Cameras, look_at_point, read_cameras
 from jaxmocap.capture import Capture, shared_frames
 
 from ._child import Solved, run_worker
-from ._footage import Report, as_recorded, footage_of, keypoints_of
+from ._footage import Report, as_recorded, footage_of
 from ._person_clock import PersonClock, person_clock
 from ._placeable import advise_part, longest_run
 from ._report import draw_paths, make_record, png_bytes, pose_table
 from ._route import choose_route
-from ._scale import find_scale, known_bone_lengths, refuse_without_scale, subject_views, triangulate_views
+from ._scale import find_scale, refuse_without_scale
 from ._standing import find_up
 from ._static_job import write_static_job
+from ._subject import keypoints_of, known_bone_lengths, subject_views, triangulate_views
 from ._world import find_gravity, world_from_model
 
 _MODEL_FILES = ("cameras.bin", "images.bin", "points3D.bin", "rigs.bin", "frames.bin")

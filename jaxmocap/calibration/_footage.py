@@ -1,20 +1,20 @@
-"""What is calibrated: the videos, the frames of each, first guesses of focal lengths, and where the person is.
+"""What is calibrated: the videos, the frames of each, and where the person is in them.
 
 A capture becomes `Footage`, which the child process reads as JSON.
 """
 
 import json
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-import av
 import numpy as np
 
 from jaxmocap._results import InputError
 from jaxmocap.capture import LONGEST_SIDE, Capture, mask_file, reduced_size
 from jaxmocap.detection import best_person
+
+from ._focal import told_focal, usual_focal
 
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom in pixels of the recorded video."""
@@ -24,12 +24,6 @@ Report = Callable[[str, int, int], None]
 
 CONFIDENT = 0.3  # keypoints of less do not count
 _MARGIN = 1.0  # seconds before and after the shared frames, so that `offset` may still be corrected
-PHONE_FOCAL = 0.9
-"""Focal length of a phone that films, as a share of the longer side of its pictures: between 0.7 and 1.2."""
-
-_FULL_FRAME_DIAGONAL = 43.27  # millimetres
-_KEY = re.compile(r"focal_?length.*35_?mm", re.IGNORECASE)
-_NUMBER = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(?:mm)?\s*$")
 
 
 @dataclass(frozen=True)
@@ -237,37 +231,3 @@ def _masks(capture: Capture, camera: str, frames: range) -> dict[int, str]:
         return {}
     files = {frame: mask_file(capture.masks_folder, camera, frame) for frame in frames}
     return {frame: str(file.resolve()) for frame, file in files.items() if file.is_file()}
-
-
-def keypoints_of(capture: Capture, most: int = 30) -> dict[int, np.ndarray]:
-    """Read BODY_25 keypoints, (camera, 25, 3) by shared frame, in pixels of the recorded videos.
-
-    Frames are those at which two cameras have keypoints, at most `most` of them. `capture` is as recorded.
-    """
-    frames = [set(capture.keypoint_frames(camera)) for camera in range(capture.num_cameras)]
-    shared = sorted(f for f in set().union(*frames) if sum(f in own for own in frames) >= 2)
-    found = {}
-    for frame in shared[:: max(1, -(-len(shared) // most))]:
-        people = [capture.keypoints(camera, frame) for camera in range(capture.num_cameras)]
-        found[frame] = np.stack([np.zeros((25, 3)) if person is None else person for person in people])
-    return found
-
-
-def usual_focal(path: Path, size: tuple[int, int]) -> float:
-    """Guess a focal length in pixels: what the video tells of it, else that of phones."""
-    return told_focal(path, size) or PHONE_FOCAL * max(size)
-
-
-def told_focal(path: Path, size: tuple[int, int]) -> float | None:
-    """Read a focal length in pixels from the 35 mm equivalent that some phones write into a video; None without one.
-
-    Read are QuickTime's `com.apple.quicktime.camera.focal_length.35mm_equivalent` and Exif's `FocalLengthIn35mmFormat`
-    (or `...Film`), of the file or of its video track. The search begins there; phones crop what they film.
-    """
-    with av.open(str(path), metadata_errors="replace") as container:
-        metadata = {**container.metadata, **container.streams.video[0].metadata}
-    for key, value in metadata.items():
-        number = _NUMBER.match(value)
-        if _KEY.search(key) and number and 8 <= float(number[1]) <= 400:
-            return float(number[1]) / _FULL_FRAME_DIAGONAL * float((size[0] ** 2 + size[1] ** 2) ** 0.5)
-    return None

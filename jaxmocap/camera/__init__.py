@@ -7,8 +7,9 @@ from ._cameras import (
     project as project,
     triangulate as triangulate,
 )
-from ._colmap import colmap_files as colmap_files, read_colmap_points as read_colmap_points
+from ._colmap import colmap_files as colmap_files
 from ._colmap_cameras import ranges as ranges, write_colmap_text as write_colmap_text
+from ._colmap_points import read_colmap_points as read_colmap_points
 from ._read import (
     examine_cameras as examine_cameras,
     read_cameras as read_cameras,

@@ -100,17 +100,6 @@ def point_places(skeleton: Skeleton, points: BodyPoints, pose: Pose) -> Float[Ar
     return jnp.einsum("pij,pj->pi", transforms[:, :3, :3], points.rest, precision="highest") + transforms[:, :3, 3]
 
 
-def clip_energy(
-    skeleton: Skeleton, points: BodyPoints, poses: Pose, increments: Float[Array, "frame dof"], rows: ClipRows
-) -> Float[Array, ""]:
-    """Compute the energy of a clip whose poses move by these increments: the sum of all weighted squares."""
-    found = jax.vmap(lambda pose: point_places(skeleton, points, pose))(poses)
-    moved = jax.vmap(lambda pose, step: point_places(skeleton, points, retract(skeleton, pose, step)))(
-        poses, increments
-    )
-    return energy_at(found, moved, increments, rows)
-
-
 def energy_at(found: Any, places: Any, increments: Any, rows: ClipRows) -> Any:
     """Add up all weighted squares where the points lie at `places`, shape (frame, point, 3), whatever the arrays are,
     NumPy's or JAX's."""

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from jaxmocap._files import atomic_folder, npz_bytes
 from jaxmocap._results import InputError
@@ -177,7 +177,7 @@ def _write_pictures(camera: RecordedCamera, fps: float, frames: tuple[int, int] 
     return name
 
 
-def _images(pictures: Path, frames: tuple[int, int] | None):
+def _images(pictures: Path, frames: tuple[int, int] | None) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
     first, stop = frames if frames is not None else (0, None)
     if pictures.is_dir():
         for path in sorted_pictures(pictures)[first:stop]:

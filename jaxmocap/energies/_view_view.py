@@ -121,7 +121,7 @@ class ViewView(AbstractTerm):
         m: int | Array,
         n: int | Array,
         group: GroupProblem,
-    ):
+    ) -> tuple[Array, Array, Array]:
         """Local float column and row in n's rectangle, and whether the nearest pixel lies inside it."""
         frame = group.frame
         inverse = group.layout.inverse_depth(keys, frame.depth_range[m])

@@ -121,7 +121,7 @@ class SearchBatch(eqx.Module):
 
 
 @eqx.filter_jit
-def _one(batch: SearchBatch, energy: SearchEnergy, key: PRNGKeyArray):
+def _one(batch: SearchBatch, energy: SearchEnergy, key: PRNGKeyArray) -> tuple[Float[Array, "dof"], Float[Array, ""]]:
     b = batch
     base = prepare_base(energy, b.group, 2 ** (len(b.group.character.faces) - 1).bit_length())
     start = jnp.zeros(len(b.dofs))
@@ -130,12 +130,14 @@ def _one(batch: SearchBatch, energy: SearchEnergy, key: PRNGKeyArray):
 
 
 @eqx.filter_jit
-def _every(batch: SearchBatch, energies: SearchEnergy, axes: Any, keys: Key[Array, "seed"]):
+def _every(
+    batch: SearchBatch, energies: SearchEnergy, axes: Any, keys: Key[Array, "seed"]
+) -> tuple[Float[Array, "setting seed dof"], Float[Array, "setting seed"]]:
     if (batch.driver or best_driver()) == "scatter":
         over_seeds = jax.vmap(lambda energy, key: _one(batch, energy, key), in_axes=(None, 0))
         return jax.vmap(over_seeds, in_axes=(axes, None))(energies, keys)
 
-    def pair(number: Array):
+    def pair(number: Array) -> tuple[Array, Array]:
         here, seed = number // len(keys), number % len(keys)
         energy = _entry(energies, axes, here)
         return _one(batch, energy, keys[seed])

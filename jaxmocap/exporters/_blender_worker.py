@@ -8,6 +8,7 @@ written with y up, in metres.
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import bpy  # pyright: ignore[reportMissingImports]
 import numpy
@@ -16,7 +17,7 @@ if "bool" not in vars(numpy):
     numpy.bool = bool  # the importer of Blender 3.4 expects an older NumPy than Debian 12 runs it with
 
 
-def set_lens(camera, size, intrinsics):
+def set_lens(camera: Any, size: tuple[int, int], intrinsics: list[list[float]]) -> None:
     """Give a camera the focal length and the principal point of its videos, which glTF has no place for."""
     width, height = size
     camera.sensor_fit = "HORIZONTAL"
@@ -25,7 +26,7 @@ def set_lens(camera, size, intrinsics):
     camera.shift_y = (intrinsics[1][2] - height / 2) / width
 
 
-def known(operator, **options):
+def known(operator: Any, **options: Any) -> dict[str, Any]:
     """Keep the options that this version of Blender knows."""
     names = operator.get_rna_type().properties.keys()
     return {name: value for name, value in options.items() if name in names}

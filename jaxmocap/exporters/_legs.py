@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from jaxmocap.character import Character
+from jaxmocap.geometry import unit_vectors
 
 STANDING = ("heel", "toe")
 """Points of a foot that stand, in contacts."""
@@ -112,8 +113,8 @@ def bent(
     normal = np.cross(thigh / upper[:, None], shank / lower[:, None])
     normal = np.sum(normal * axis, axis=1, keepdims=True) * normal + _STRAIGHT * axis
     normal = np.einsum("tij,tj->ti", swing, normal)
-    along = _unit(then)
-    ahead = _unit(np.cross(along, normal))
+    along = unit_vectors(then)
+    ahead = unit_vectors(np.cross(along, normal))
     share = np.clip((upper**2 + reach**2 - lower**2) / (2 * upper * reach), -1.0, 1.0)
     knee = upper[:, None] * (share[:, None] * along + np.sqrt(1 - share**2)[:, None] * ahead)
     found = np.stack(
@@ -128,13 +129,9 @@ def bent(
 
 def swings(a: Float[np.ndarray, "*n 3"], b: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3 3"]:
     """Find the shortest turns from directions to others that are not opposite."""
-    a, b = _unit(a), _unit(b)
+    a, b = unit_vectors(a), unit_vectors(b)
     normal = np.cross(a, b)
     sine = np.linalg.norm(normal, axis=-1, keepdims=True)
     angle = np.arctan2(sine, np.sum(a * b, axis=-1, keepdims=True))
     turns = (normal * (angle / np.maximum(sine, 1e-12))).reshape(-1, 3)
     return Rotation.from_rotvec(turns).as_matrix().reshape(*a.shape, 3)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

@@ -7,6 +7,7 @@ from ._mesh import (
     pack_rows as pack_rows,
     uniform_laplacian as uniform_laplacian,
     unit as unit,
+    unit_vectors as unit_vectors,
     vertex_normals as vertex_normals,
 )
 from ._residuals import (

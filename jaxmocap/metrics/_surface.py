@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxmocap.geometry import unit_vectors
+
 _POINTS_AT_ONCE = 16
 
 
@@ -55,8 +57,8 @@ def surface_points(
 
 def triangle_frames(corners: Float[np.ndarray, "*frame marker 3 3"]) -> Float[np.ndarray, "*frame marker 3 3"]:
     """Build world_from_triangle, a rotation whose columns are first edge, in-plane normal and face normal."""
-    first = _unit(corners[..., 1, :] - corners[..., 0, :])
-    normal = _unit(np.cross(first, corners[..., 2, :] - corners[..., 0, :]))
+    first = unit_vectors(corners[..., 1, :] - corners[..., 0, :])
+    normal = unit_vectors(np.cross(first, corners[..., 2, :] - corners[..., 0, :]))
     return np.stack([first, np.cross(normal, first), normal], axis=-1)
 
 
@@ -78,7 +80,3 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
     return np.clip(numerator / np.where(denominator == 0, 1.0, denominator), 0.0, 1.0)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

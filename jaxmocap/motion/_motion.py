@@ -216,7 +216,7 @@ class Motion:
         return float(np.median(np.diff(self.timestamps))) if len(self) > 1 else 0.0
 
     def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write `motion.npz` and `report.json` into `folder`, atomically; see `motion/_storage.py` for the schema.
+        """Write `motion.npz` and `report.json` into `folder`, atomically; see `motion/_arrays.py` for the schema.
 
         Raises `InputError` if the folder holds a `motion.npz` already and `overwrite` is false.
         """

@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from jaxmocap.capture import FrameReader, index_video
 from jaxmocap.character import Pose, retract, skin
@@ -26,7 +27,7 @@ from jaxmocap.energies import (
 from jaxmocap.observation import FrameProblem, build_problem, place_rectangle, projected_box, surface_of
 from jaxmocap.render import SoftSettings, face_ids
 from jaxmocap.samplers import CrossEntropy, run as run_search
-from jaxmocap.synthetic import make_capture
+from jaxmocap.synthetic import SyntheticCapture, make_capture
 from jaxmocap.viewers import write_overlay_video
 
 from ._detect import Report
@@ -82,7 +83,7 @@ class _World:
     energy is least at the true pose."""
 
     @cached_property
-    def truth(self):
+    def truth(self) -> SyntheticCapture:
         return make_capture(1, _SIZE, sensor_noise=0.0)
 
     @cached_property
@@ -115,7 +116,7 @@ class _World:
         group = GroupProblem(character, part, self.pose, self.problem)
 
         @eqx.filter_jit
-        def score(moves):
+        def score(moves: Float[Array, "particle 3"]) -> Float[Array, "particle"]:
             base = prepare_base(energy, group, 16)
             increments = jnp.zeros((len(moves), character.skeleton.num_dofs)).at[:, :3].set(moves)
             return score_particles(energy, group, base, increments, _WINDOWS).total
@@ -143,8 +144,8 @@ class _World:
         skeleton = truth.character.skeleton
 
         @jax.jit
-        def value_and_slope(move):
-            def value(move):
+        def value_and_slope(move: Float[Array, "3"]) -> tuple[Float[Array, ""], Float[Array, "3"]]:
+            def value(move: Float[Array, "3"]) -> Float[Array, ""]:
                 moved = retract(skeleton, self.pose, jnp.zeros(skeleton.num_dofs).at[:3].set(move))
                 return soft_score(energy, truth.character, moved, self.problem, _SOFT).total
 
@@ -160,10 +161,8 @@ class _World:
         return bool(slope[0] > 0) and alike, said
 
     def search(self) -> tuple[bool, str]:
-        sampler, limit = (
-            CrossEntropy(num_particles=_PARTICLES, num_iterations=6, elites=8 / _PARTICLES),
-            jnp.full(3, 0.2),
-        )
+        sampler = CrossEntropy(num_particles=_PARTICLES, num_iterations=6, elites=8 / _PARTICLES)
+        limit = jnp.full(3, 0.2)
         start = jnp.array([_OFF, 0.0, 0.0])
         found, _ = run_search(sampler, self.scores, start, 0.25 * limit, -limit, limit, jax.random.key(0))
         error = 100 * float(jnp.linalg.norm(found))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -19,21 +20,15 @@ from jaxmocap.observation import BODY_25, FACE, stacked_keypoints
 from ._character_fit import CharacterFit, CharacterFitSettings
 from ._fit_surface import fit_surface
 from ._inverse_kinematics import inverse_kinematics, triangulated
-from ._shape_problem import (
-    OFFSETS,
-    FramesSeen,
-    ShapeProblem,
-    detector_points,
-    mask_problems,
-    outlines,
-    solve,
-)
+from ._shape_outlines import mask_problems, outlines
+from ._shape_problem import OFFSETS, FramesSeen, ShapeProblem, detector_points, solve
 
 FEWEST_FRAMES, FEWEST_POINTS = 3, 3
 FEWEST_VIEWS = 8
 """Views of one moment that tell as much of a person's proportions as two or three of several moments do."""
 
 _POINTS = BODY_25 | FACE
+_T = TypeVar("_T")
 
 
 def fit_character(
@@ -174,7 +169,7 @@ def usable_frames(capture: Capture, cameras: Cameras, frames: Sequence[int]) -> 
     return tuple(usable)
 
 
-def _stacked(values: list):
+def _stacked(values: list[_T]) -> _T:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *values)
 
 

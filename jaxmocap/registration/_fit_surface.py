@@ -17,7 +17,7 @@ from jaxmocap.geometry import uniform_laplacian, vertex_normals
 from jaxmocap.observation import FrameProblem, draw
 
 from ._fit_silhouette import RegistrationSettings, Rows, mask_contours, moved_by_rows
-from ._shape_problem import OUTLINE_SCALE
+from ._shape_outlines import OUTLINE_SCALE
 
 _REACH = (25, 15)  # pixels within which an outline is looked for: in the first round, and afterwards
 _ROBUST = 0.03  # metres beyond which a row fades (Geman and McClure)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from scipy.spatial import KDTree
 
 from jaxmocap.character import GIRTHS, LENGTHS, ROOT_DOFS
-from jaxmocap.geometry import vertex_normals
+from jaxmocap.geometry import unit_vectors, vertex_normals
 
 from ._template import Body, joint_slopes, moved, probes, squares, surface, template
 
@@ -238,7 +238,6 @@ def samples(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "fac
     places, face = trimesh.sample.sample_surface(mesh, _COUNT, seed=0)[:2]
     corners = vertices[faces[face]]
     share = trimesh.triangles.points_to_barycentric(corners, places)
-    normals = np.einsum("nc,nci->ni", share, vertex_normals(vertices, faces)[faces[face]])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    normals = unit_vectors(np.einsum("nc,nci->ni", share, vertex_normals(vertices, faces)[faces[face]]))
     order = np.random.default_rng(0).permutation(len(places))
     return Points(np.asarray(places, np.float64)[order], normals[order])

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from jaxmocap.geometry import vertex_normals
+from jaxmocap.geometry import unit_vectors, vertex_normals
 
 from ._clothes import Subject
 from ._draw_scene import GroundShadow, render_scene
@@ -141,7 +141,7 @@ def film(
 
 def illumination(normals: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point"]:
     """Light normals by Lambert's law under the sun, plus a sky that is brighter above than the ground is below."""
-    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    normals = unit_vectors(normals)
     return (AMBIENT * (0.85 + 0.25 * normals[:, 1]) + DIRECT * np.maximum(0, normals @ SUN)).astype(np.float32)
 
 

@@ -9,8 +9,8 @@ from ._overlay import (
     jpeg_bytes as jpeg_bytes,
     paint_face_ids as paint_face_ids,
 )
+from ._report_findings import findings as findings, headline as headline
 from ._report_page import REPORT_PAGE as REPORT_PAGE, plain_page as plain_page, report_page as report_page
-from ._report_record import findings as findings, headline as headline
 from ._rerun import write_rerun as write_rerun
 from ._turntable import write_movie as write_movie
 from ._video import (

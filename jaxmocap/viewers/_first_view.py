@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from jaxmocap.geometry import unit
+
 FIELD_OF_VIEW = 0.9  # radians, vertical
 _ELEVATIONS = np.radians([12.0, 25.0, 40.0])
 _AZIMUTHS = np.radians(np.arange(0.0, 360.0, 10.0))
@@ -24,8 +26,8 @@ class Eye:
 
     def cam_from_world(self) -> Float[np.ndarray, "4 4"]:
         """Build the pose of a camera there: x right, y down, z forward."""
-        forward = _unit(self.target - self.position)
-        right = _unit(np.cross(forward, self.up))
+        forward = unit(self.target - self.position)
+        right = unit(np.cross(forward, self.up))
         rotation = np.stack([right, np.cross(forward, right), forward])
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = rotation, -rotation @ self.position
@@ -94,7 +96,3 @@ def _window(points: np.ndarray, eye: Eye) -> tuple[np.ndarray, np.ndarray, float
     seen = points @ pose[:3, :3].T + pose[:3, 3]
     flat = seen[:, :2] / np.maximum(seen[:, 2:], 1e-6)
     return flat.min(axis=0), flat.max(axis=0), float(seen[:, 2].min())
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.linalg.norm(vector)

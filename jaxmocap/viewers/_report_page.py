@@ -15,8 +15,9 @@ from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
 from jaxmocap.motion import Motion
 
+from ._report_findings import findings, headline
 from ._report_pictures import ReportPictures, report_pictures
-from ._report_record import findings, headline, read_report, report_record
+from ._report_record import read_report, report_record
 
 REPORT_PAGE = "report.html"
 _SCRIPTS = ("overlays.js", "charts.js", "page.js")

@@ -3,6 +3,7 @@
 import os
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from jaxmocap._files import atomic_path
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
+from jaxmocap.geometry import unit_vectors
 from jaxmocap.motion import Motion
 
 from ._shown import Shown, gather
@@ -53,7 +55,7 @@ def write_rerun(
     return path, shown.missing
 
 
-def _log(recording, rr, shown: Shown) -> None:
+def _log(recording: Any, rr: Any, shown: Shown) -> None:
     motion = shown.motion
     axes = getattr(rr.ViewCoordinates, f"RIGHT_HAND_{motion.up.upper()}_UP")
     recording.log("world", axes, static=True)
@@ -75,7 +77,9 @@ def _log(recording, rr, shown: Shown) -> None:
         recording.log("confidence", rr.Scalars(float(motion.confidence[index].mean())))
 
 
-def _log_body(recording, rr, shown: Shown, path: str, motion: Motion, index: int, colour: tuple[int, int, int]) -> None:
+def _log_body(
+    recording: Any, rr: Any, shown: Shown, path: str, motion: Motion, index: int, colour: tuple[int, int, int]
+) -> None:
     mesh = rr.Mesh3D(
         vertex_positions=motion.vertices(index),
         triangle_indices=np.asarray(motion.character.faces),
@@ -86,7 +90,7 @@ def _log_body(recording, rr, shown: Shown, path: str, motion: Motion, index: int
     recording.log(f"{path}/skeleton", rr.LineStrips3D(shown.bones(motion, index), radii=0.007, colors=(20, 90, 40)))
 
 
-def _log_camera(recording, rr, shown: Shown, view: int, path: str, index: int) -> None:
+def _log_camera(recording: Any, rr: Any, shown: Shown, view: int, path: str, index: int) -> None:
     cameras = shown.motion.cameras
     assert cameras is not None  # it has names, so there are cameras
     cam_from_world = np.asarray(cameras.cam_from_world[view, index], np.float64)
@@ -109,4 +113,4 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     normals = np.zeros_like(vertices)
     for corner in range(3):
         np.add.at(normals, faces[:, corner], np.cross(b - a, c - a))
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return unit_vectors(normals)

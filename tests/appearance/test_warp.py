@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from jaxmocap.appearance import GridSettings, WarpSettings, grid_vertices, warp_grid
+from jaxmocap.appearance._grid_equations import similarity_normal
 from jaxmocap.appearance._homography import apply_homography, robust_homography
-from jaxmocap.appearance._warp import _roughness, _similarity_normal
+from jaxmocap.appearance._warp import _roughness
 
 SIZE = (540, 960)
 HOMOGRAPHY = np.array([[1.05, 0.04, 20], [-0.03, 1.02, -15], [5e-5, -4e-5, 1]])
@@ -54,7 +55,7 @@ def test_the_similarity_term_is_the_printed_sum():
     rng = np.random.default_rng(2)
     rest = grid_vertices(60, 80, 3, 4) + rng.uniform(-2, 2, (20, 2))
     moved = rest + rng.uniform(-3, 3, rest.shape)
-    normal = _similarity_normal(rest, 3, 4)
+    normal = similarity_normal(rest, 3, 4)
     band = normal.band.reshape(normal.bandwidth + 1, normal.unknowns)
     lower = sum(np.diag(band[k, : normal.unknowns - k], -k) for k in range(normal.bandwidth + 1))
     full = lower + np.tril(lower, -1).T

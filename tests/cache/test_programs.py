@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxmocap._cache import (
+    _exported,
     _programs,
     cached_jit,
     free_programs,
@@ -88,10 +89,10 @@ def test_other_shapes_and_static_values_are_other_programs(folder):
 
 def test_a_program_of_another_version_is_not_used(folder, monkeypatch):
     another_process(*arguments())
-    monkeypatch.setattr(_programs, "code_hash", lambda: "another source")
+    monkeypatch.setattr(_exported, "code_hash", lambda: "another source")
     another_process(*arguments())
     assert len(TRACES) == 2
-    monkeypatch.setattr(_programs, "versions", lambda packages: {"jax": "another"})
+    monkeypatch.setattr(_exported, "versions", lambda packages: {"jax": "another"})
     another_process(*arguments())
     assert len(TRACES) == 3
     with jax.default_matmul_precision("highest"):

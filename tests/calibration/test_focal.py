@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from jaxmocap.calibration._footage import told_focal
+from jaxmocap.calibration._focal import told_focal
 from jaxmocap.capture import index_video
 from jaxmocap.capture.synchronisation._estimate import Undecided
 from jaxmocap.capture.synchronisation._sound import read_sound

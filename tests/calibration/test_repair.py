@@ -21,10 +21,6 @@ POSES = paths(COUNT)
 WRONG, UNSEEN = [(0, 5), (1, 11)], (1, 4)
 
 
-def silent(stage: str, done: int, total: int) -> None:
-    pass
-
-
 @pytest.fixture(scope="module")
 def seen() -> tuple[Model, dict]:
     """Every frame placed by what it sees, with 10 % false sightings, except one that sees nothing."""
@@ -69,7 +65,7 @@ def test_wrong_poses_are_placed_again_and_missing_ones_filled_in(seen, tmp_path)
         turned = Rotation.from_rotvec([0.0, 0.2, 0.0]).as_matrix() @ pose[:3, :3]
         moved = -turned @ (centres_of(pose) + [0.3, 0, 0])
         frame.set_cam_from_world(image.camera_id, pycolmap.Rigid3d(np.c_[turned, moved]))
-    repairs = repair(model, sightings, silent)
+    repairs = repair(model, sightings, lambda *_: None)
     assert repairs.outliers == WRONG
     assert sorted(repairs.placed_again) == WRONG
     assert repairs.interpolated == [UNSEEN]

@@ -5,8 +5,7 @@ import pytest
 from moving_cameras import MATRIX, centres_of, moved_world, paths, project
 from scipy.spatial.transform import Rotation
 
-from jaxmocap.calibration import _scale
-from jaxmocap.calibration._scale import SubjectView, fit_scale, triangulate_views
+from jaxmocap.calibration import SubjectView, _scale, fit_scale, triangulate_views
 from jaxmocap.calibration._world import find_gravity, ground_plane, up_from_cameras, world_from_model
 from jaxmocap.camera import describe_views, view_geometry
 from jaxmocap.capture import KEYPOINT_NAMES

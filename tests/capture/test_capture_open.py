@@ -13,6 +13,7 @@ from small_captures import (
     PERSON,
     POSES,
     TOML,
+    edit_toml,
     look_at_pose,
     make_video,
     number_of,
@@ -25,12 +26,6 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import project
 from jaxmocap.capture import KEYPOINT_NAMES, Capture
 from jaxmocap.capture._picture_steps import Undistortion
-
-
-def _toml(folder: Path, old: str, new: str) -> None:
-    text = (folder / "capture.toml").read_text()
-    assert old in text
-    (folder / "capture.toml").write_text(text.replace(old, new))
 
 
 def _sentence(folder: Path) -> str:
@@ -186,9 +181,9 @@ def test_another_keypoint_folder_is_used_by_replacing_the_field(small: Path):
 
 def test_offsets_make_frames_positions_in_the_shared_span_and_files_keep_their_own_numbers(small: Path):
     make_video(small / "cam1.mp4", 10, first=2)  # its first picture is taken when cam0 takes its third
-    _toml(small, 'video = "cam1.mp4"', 'video = "cam1.mp4"\noffset = 0.067')
-    _toml(small, "frames = 12", "frames = 10")
-    _toml(small, "selected_frames = [0, 6]", "selected_frames = [2, 8]")
+    edit_toml(small, 'video = "cam1.mp4"', 'video = "cam1.mp4"\noffset = 0.067')
+    edit_toml(small, "frames = 12", "frames = 10")
+    edit_toml(small, "selected_frames = [0, 6]", "selected_frames = [2, 8]")
     write_keypoints(small / "keypoints" / "cam0_00002_keypoints.json", POSES["cam0"])
     poses = dict(POSES, cam1=look_at_pose(20.0))
     write_model(small / "cameras", poses, 12)
@@ -213,7 +208,7 @@ def _distorted(small: Path, distortion: list[float]) -> None:
             f"distortions = {distortion}\nrotation = {rotation}\ntranslation = {pose[:3, 3].tolist()}\n"
         )
     (small / "calibration.toml").write_text("\n".join(sections))
-    _toml(small, 'cameras = "cameras"', 'cameras = "calibration.toml"')
+    edit_toml(small, 'cameras = "cameras"', 'cameras = "calibration.toml"')
 
 
 def _distort(pixels: np.ndarray, distortion: list[float]) -> np.ndarray:
@@ -273,13 +268,13 @@ def test_units_scale_the_cameras(small: Path):
     for pose in scaled.values():
         pose[:3, 3] *= 1000
     write_model(small / "cameras", scaled, 12)
-    _toml(small, 'units = "metres"', 'units = "millimetres"')
+    edit_toml(small, 'units = "metres"', 'units = "millimetres"')
     capture = Capture.open(small)
     np.testing.assert_allclose(capture.cameras.cam_from_world[0, 0], POSES["cam0"], atol=1e-4)
 
 
 def test_without_cameras_it_opens_and_says_what_to_do_when_they_are_asked_for(small: Path):
-    _toml(small, 'cameras = "cameras"\n', "")
+    edit_toml(small, 'cameras = "cameras"\n', "")
     capture = Capture.open(small)
     assert number_of(capture.image(1, 5)) == 5
     with pytest.raises(InputError, match=r"small has no cameras: calibrate it first"):
@@ -287,7 +282,7 @@ def test_without_cameras_it_opens_and_says_what_to_do_when_they_are_asked_for(sm
 
 
 def test_a_broken_frames_line_is_ignored_with_a_warning_that_says_so(small: Path):
-    _toml(small, "frames = 12", "frames = RightToeBase")
+    edit_toml(small, "frames = 12", "frames = RightToeBase")
     capture = Capture.open(small)
     assert capture.num_frames == 12
     (finding,) = capture.findings
@@ -298,14 +293,14 @@ def test_a_broken_frames_line_is_ignored_with_a_warning_that_says_so(small: Path
 
 
 def test_fewer_frames_than_the_videos_are_used_with_a_warning(small: Path):
-    _toml(small, "frames = 12", "frames = 9")
+    edit_toml(small, "frames = 12", "frames = 9")
     capture = Capture.open(small)
     assert capture.num_frames == 9
     assert "cam0.mp4 has 12" in capture.findings[0].message
 
 
 def test_repeated_selected_frames_are_used_once_with_a_warning(small: Path):
-    _toml(small, "[0, 6]", "[6, 0, 6]")
+    edit_toml(small, "[0, 6]", "[6, 0, 6]")
     capture = Capture.open(small)
     assert capture.selected_frames == (0, 6)
     assert "[6] more than once" in capture.findings[0].message
@@ -347,7 +342,7 @@ def test_repeated_selected_frames_are_used_once_with_a_warning(small: Path):
 def test_each_mistake_in_the_configuration_is_one_sentence_with_its_name(
     small: Path, old: str, new: str, words: list[str]
 ):
-    _toml(small, old, new)
+    edit_toml(small, old, new)
     sentence = _sentence(small)
     for word in words:
         assert word in sentence

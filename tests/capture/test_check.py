@@ -6,6 +6,7 @@ import pytest
 from small_captures import (
     PERSON,
     POSES,
+    edit_toml,
     look_at_pose,
     make_video,
     number_of,
@@ -16,12 +17,6 @@ from small_captures import (
 
 from jaxmocap._results import InputError
 from jaxmocap.capture import KEYPOINT_NAMES, Capture, Finding, FrameReader, check, index_video
-
-
-def _toml(folder: Path, old: str, new: str) -> None:
-    text = (folder / "capture.toml").read_text()
-    assert old in text
-    (folder / "capture.toml").write_text(text.replace(old, new))
 
 
 def _of(findings: list[Finding], severity: str) -> list[str]:
@@ -44,14 +39,14 @@ def test_a_faultless_capture_has_only_notes_and_they_are_true(small: Path):
 def test_frames_that_would_be_selected_are_named(small: Path):
     """Of two frames with the same pose one is enough."""
     assert not _said(check(small), "note", "would be chosen")
-    _toml(small, "selected_frames = [0, 6]\n", "")
+    edit_toml(small, "selected_frames = [0, 6]\n", "")
     assert _said(check(small), "note", "none are given; 0 would be chosen", "among 2 frames with good keypoints")
 
 
 def test_everything_wrong_is_named_in_one_pass_and_errors_come_first(small: Path):
-    _toml(small, "frames = 12", "frames = 99")
-    _toml(small, "[0, 6]", "[0, 40]")
-    _toml(small, 'up = "y"', 'up = "y"\nactor = "body.glb"')
+    edit_toml(small, "frames = 12", "frames = 99")
+    edit_toml(small, "[0, 6]", "[0, 40]")
+    edit_toml(small, 'up = "y"', 'up = "y"\nactor = "body.glb"')
     write_mask(small / "masks" / "cam1_00006.png", size=(32, 48))
     write_mask(small / "masks" / "cam0_00006.png", value=0)
     (small / "keypoints" / "cam1_00006_keypoints.json").write_text('{"people": [{"pose_keypoints_2d": [1, 2, 3]}]}')
@@ -101,8 +96,8 @@ def test_a_missing_configuration_is_a_finding(tmp_path: Path):
 
 
 def test_all_mistakes_of_the_configuration_are_listed(small: Path):
-    _toml(small, "fps = 30", "fpps = 30")
-    _toml(small, 'up = "y"', 'up = "w"')
+    edit_toml(small, "fps = 30", "fpps = 30")
+    edit_toml(small, 'up = "y"', 'up = "w"')
     findings = check(small)
     assert _said(findings, "error", "'fpps'")
     assert _said(findings, "error", "up = 'w'")
@@ -115,7 +110,7 @@ def test_black_frames_are_named(small: Path):
 
 
 def test_a_cut_off_video_names_itself(small: Path):
-    _toml(small, "frames = 12\n", "")
+    edit_toml(small, "frames = 12\n", "")
     make_video(small / "cam0.mp4", 60)
     data = (small / "cam0.mp4").read_bytes()
     (small / "cam0.mp4").write_bytes(data[: len(data) // 2])
@@ -146,7 +141,7 @@ def test_an_mp4_whose_index_promises_more_frames_than_it_holds_is_cut_off(small:
 
 def test_a_video_that_begins_inside_its_file_is_whole(small: Path):
     """An edit list that begins behind a key frame leaves pictures before it out, but they are in the file."""
-    _toml(small, "frames = 12\n", "")
+    edit_toml(small, "frames = 12\n", "")
     content = bytearray(make_video(small / "cam0.mp4", 60).read_bytes())
     at = content.find(b"elst") + 16  # its one entry: duration, then where it begins
     unit = index_video(small / "cam0.mp4").pts[1]
@@ -160,7 +155,7 @@ def test_a_video_that_begins_inside_its_file_is_whole(small: Path):
 
 def test_timestamps_that_contradict_fps_are_named_and_a_variable_rate_is_noted(small: Path):
     make_video(small / "cam0.mp4", milliseconds=[0, 40, 80, 120, 160, 200, 260, 300, 340, 380, 420, 460])
-    _toml(small, "frames = 12\n", "")
+    edit_toml(small, "frames = 12\n", "")
     findings = check(small)
     assert _said(findings, "warning", "fps = 30", "cam0.mp4", "23.91")
     assert _said(findings, "note", "cam0.mp4 has a variable frame rate, 40.0 to 60.0 ms")
@@ -168,10 +163,10 @@ def test_timestamps_that_contradict_fps_are_named_and_a_variable_rate_is_noted(s
 
 def test_videos_of_different_length_are_named_unless_synchronised(small: Path):
     make_video(small / "cam1.mp4", 8)
-    _toml(small, "frames = 12", "frames = 8")
+    edit_toml(small, "frames = 12", "frames = 8")
     assert _said(check(small), "warning", "cam0.mp4 12", "cam1.mp4 8", "jaxmocap sync")
-    _toml(small, 'video = "cam1.mp4"', 'video = "cam1.mp4"\noffset = 0.1')
-    _toml(small, "[0, 6]", "[3, 6]")
+    edit_toml(small, 'video = "cam1.mp4"', 'video = "cam1.mp4"\noffset = 0.1')
+    edit_toml(small, "[0, 6]", "[3, 6]")
     assert not _said(check(small), "warning", "jaxmocap sync")
 
 
@@ -287,8 +282,8 @@ def test_a_camera_that_jumps_for_one_frame_is_named(small: Path):
 
 
 def test_a_capture_without_cameras_and_keypoints_says_what_is_next(small: Path):
-    _toml(small, 'cameras = "cameras"\n', "")
-    _toml(small, 'keypoints = "keypoints"\n', "")
+    edit_toml(small, 'cameras = "cameras"\n', "")
+    edit_toml(small, 'keypoints = "keypoints"\n', "")
     findings = check(small)
     assert _of(findings, "error") == []
     assert _said(findings, "warning", "run jaxmocap calibrate")

@@ -18,12 +18,6 @@ REFINERS = {
 refine = eqx.filter_jit(lambda refiner, problem, start: refiner.refine(problem, start))
 
 
-@pytest.fixture(autouse=True)
-def double_precision():
-    with jax.enable_x64(True):
-        yield
-
-
 @pytest.fixture(
     params=[pytest.param(r, marks=pytest.mark.slow if name == "dogleg" else []) for name, r in REFINERS.items()],
     ids=REFINERS.keys(),

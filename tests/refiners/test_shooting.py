@@ -3,16 +3,9 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from scipy.optimize import lsq_linear
 
 from jaxmocap.refiners import shooting
-
-
-@pytest.fixture(autouse=True)
-def double_precision():
-    with jax.enable_x64(True):
-        yield
 
 
 def problem(size=12, rows=40):

@@ -11,7 +11,7 @@ from jaxmocap.character import skin
 from jaxmocap.geometry import vertex_normals
 from jaxmocap.registration import fit_surface
 from jaxmocap.registration._fit_surface import _lines, _normal_equations
-from jaxmocap.registration._shape_problem import mask_problems
+from jaxmocap.registration._shape_outlines import mask_problems
 from jaxmocap.synthetic import make_capture, write_capture
 
 FRAMES = (0, 1, 2)

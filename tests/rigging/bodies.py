@@ -23,6 +23,7 @@ from jaxmocap.rigging import RiggedMesh
 from jaxmocap.synthetic import make_actor
 
 JOINTS = ("neck", *(f"{s}_{j}" for s in "lr" for j in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")))
+MEAN, WORST = 2.5, 5.0  # centimetres
 STANCES = {  # degrees from the neutral body
     "T": {"shoulder_flex": 0, "shoulder_abd": 0, "shoulder_axial": 0, "elbow_flex": 0},
     "A": {"shoulder_flex": 0, "shoulder_abd": -45, "shoulder_axial": 0, "elbow_flex": 5},
@@ -90,6 +91,18 @@ def errors(rigged: RiggedMesh, truth: Mapping[str, np.ndarray]) -> dict[str, flo
     matrix, skeleton = rigged.rest_from_file, rigged.character.skeleton
     there = {joint: matrix[:3, :3] @ place + matrix[:3, 3] for joint, place in truth.items()}
     return {j: 100 * float(np.linalg.norm(np.asarray(skeleton.landmark(j)) - there[j])) for j in there}
+
+
+def within_bounds(rigged: RiggedMesh, truth: Mapping[str, np.ndarray]) -> None:
+    """Assert that the joints are where they should be, on average and each."""
+    off = errors(rigged, truth)
+    assert np.mean(list(off.values())) < MEAN, off
+    assert max(off.values()) < WORST, off
+
+
+def tall(character: Character) -> float:
+    """Metres from the lowest point at rest to the highest."""
+    return float(np.ptp(np.asarray(character.vertices)[:, 1]))
 
 
 def turned_out(character: Character) -> float:

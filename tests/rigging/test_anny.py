@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bodies import tall
 
 from jaxmocap import Character, InputError, body
 from jaxmocap._cli import run
@@ -61,10 +62,6 @@ def figure(monkeypatch):
 def anny():
     pytest.importorskip("anny", reason="the extra 'bodies' is not installed", exc_type=ImportError)
     _anny._model.cache_clear()
-
-
-def tall(character: Character) -> float:
-    return float(np.ptp(np.asarray(character.vertices)[:, 1]))
 
 
 @pytest.mark.usefixtures("figure")

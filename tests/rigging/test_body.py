@@ -2,16 +2,12 @@
 
 import json
 
-import numpy as np
 import pytest
+from bodies import tall
 
 from jaxmocap import Character, InputError, body
 from jaxmocap._cli import run
 from jaxmocap.character import bone_lengths
-
-
-def tall(character: Character) -> float:
-    return float(np.ptp(np.asarray(character.vertices)[:, 1]))
 
 
 @pytest.mark.parametrize("height", [1.5, 1.95])

@@ -5,14 +5,12 @@ import json
 import numpy as np
 import pytest
 import trimesh
-from bodies import JOINTS, errors, small_person, standing, tall_person, turned_out
+from bodies import JOINTS, WORST, errors, small_person, standing, tall_person, turned_out, within_bounds
 from scipy.spatial.transform import Rotation
 
 from jaxmocap import Character, InputError, rig
 from jaxmocap._cli import run
 from jaxmocap.rigging import _bind, open_actor
-
-MEAN, WORST = 2.5, 5.0  # centimetres
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +28,6 @@ def coarse(relaxed):
 @pytest.fixture(scope="module")
 def rigged(relaxed):
     return rig(relaxed[:2])
-
-
-def within_bounds(rigged, truth):
-    off = errors(rigged, truth)
-    assert np.mean(list(off.values())) < MEAN, off
-    assert max(off.values()) < WORST, off
 
 
 @pytest.mark.slow

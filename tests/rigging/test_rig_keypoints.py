@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from bodies import JOINTS, errors, standing, tall_person, write_keypoints, write_people
+from bodies import JOINTS, errors, standing, tall_person, within_bounds, write_keypoints, write_people
 from scipy.spatial.transform import Rotation
 
 from jaxmocap import Character, InputError, read_cameras, rig, rig_pictures
@@ -16,7 +16,6 @@ from jaxmocap.detection import read_people
 from jaxmocap.rigging._keypoints import _person
 from jaxmocap.rigging._seen_joints import cross
 
-MEAN, WORST = 2.5, 5.0  # centimetres
 VIEWS = ("front", "front_left", "front_right")
 
 
@@ -36,12 +35,6 @@ def seen(one_arm_up, tmp_path_factory):
 @pytest.fixture
 def copied(seen, tmp_path):
     return shutil.copytree(seen, tmp_path / "copied")
-
-
-def within_bounds(rigged, truth):
-    off = errors(rigged, truth)
-    assert np.mean(list(off.values())) < MEAN, off
-    assert max(off.values()) < WORST, off
 
 
 def test_pictures_show_the_mesh_where_its_cameras_see_it(one_arm_up, seen):

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from jaxmocap.verdict import GUIDE_ENTRIES, _doubts, _lost, _outlier_camera
-from jaxmocap.viewers._report_record import FLASH_ENTRY, MASK_ENTRY
+from jaxmocap.viewers._report_findings import FLASH_ENTRY, MASK_ENTRY
 
 GUIDE = Path(__file__).parents[2] / "docs" / "guide.md"
 

@@ -22,8 +22,8 @@ from jaxmocap.motion import Motion
 from jaxmocap.synthetic import make_capture, write_capture
 from jaxmocap.verdict._doubts import APART
 from jaxmocap.viewers import report_page, write_overlay_video
+from jaxmocap.viewers._report_findings import findings, frame_verdicts, headline
 from jaxmocap.viewers._report_pictures import report_pictures
-from jaxmocap.viewers._report_record import findings, frame_verdicts, headline
 
 CHARACTER = box_character()
 FRAMES = 12
