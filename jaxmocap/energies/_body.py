@@ -115,7 +115,7 @@ def base_buffers(
         listed, _ = window_list(screen, drawn, frame.size, frame.depth_range[camera], layout, capacity)
         return draw(empty_buffer(layout, *frame.size), listed, layout), listed.needed
 
-    buffers, needed = lax.map(view, jnp.arange(frame.num_cameras))
+    buffers, needed = lax.map(view, jnp.arange(frame.num_cameras, dtype=jnp.int32))
     return buffers, needed.max()
 
 

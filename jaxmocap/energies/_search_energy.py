@@ -121,7 +121,7 @@ def score_particles(
         return _score(energy, group, base, rows, capacity, driver)
 
     terms, needed = _share_out(generation, dynamic, _Rows(increments, live))
-    return Scores(_weighted(terms, energy), terms, needed.max())
+    return Scores(_weighted(terms, energy), terms, needed.max(initial=0))
 
 
 def _weighted(terms: Float[Array, "*particle term"], energy: SearchEnergy) -> Float[Array, "*particle"]:
@@ -158,10 +158,10 @@ def _score(
             dirty = dirty_tiles(keys, below, size, band if driver == "loop" else None, camera * height)
             return keys, (band, dirty, pixels_outside(places, size, room[camera]), listed.needed)
 
-        keys, (bands, dirty, outside, needed) = lax.scan(view, before.keys, (jnp.arange(num_cameras), before.bands))
+        keys, (bands, dirty, outside, needed) = lax.scan(view, before.keys, (jnp.arange(num_cameras, dtype=jnp.int32), before.bands))
         drawn = Drawn(pose, keys.reshape(base.buffers.shape), dirty, outside, driver)
-        pairs = zip(energy.terms, base.prepared, strict=True)
-        return _Canvas(keys, bands), (jnp.stack([term.score(own, drawn, group) for term, own in pairs]), needed.max())
+        terms = [term.score(own, drawn, group) for term, own in zip(energy.terms, base.prepared, strict=True)]
+        return _Canvas(keys, bands), (jnp.stack(terms).astype(rows.increments.dtype), needed.max())
 
     def one_if(before: _Canvas, row: tuple[Array, tuple[Pose, Array]]) -> tuple[_Canvas, tuple[Array, Array]]:
         nothing = (jnp.zeros(len(energy.terms), rows.increments.dtype), jnp.zeros((), jnp.int32))
