@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
+from jaxmocap._shapes import check_key
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject, choose_frames
 from jaxmocap.character import Character, Pose, filled_up, rest_pose, skin
@@ -160,6 +161,7 @@ def register(
     Raises `InputError` when the keypoints and the cameras cannot both be right (another unit, mirrored cameras).
     """
     key = jax.random.key(0) if key is None else key
+    check_key(key)
     if frames is None:
         frames = capture.selected_frames or choose_frames(capture, cameras).frames
     if start is None:

@@ -140,6 +140,8 @@ def first_proposal(
     population: Float[Array, "extra dof"] | None,
 ) -> Proposal:
     """Make the set of `AbstractSampler.init`: start and warm-start population as they are, the rest jittered."""
+    if num_particles < 1:
+        raise InputError(f"the sampler has {num_particles} particles; at least 1 is needed.")
     start = jnp.clip(start, lower, upper)
     kept = start[None] if population is None else jnp.concatenate([start[None], population.astype(start.dtype)])
     if kept.shape[0] > num_particles:
