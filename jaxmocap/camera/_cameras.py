@@ -94,8 +94,9 @@ def project(
 ) -> tuple[Float[Array, "... point 2"], Float[Array, "... point"]]:
     """Project by a pinhole, x = K (R X + t), without distortion: pixels and depth along the optical axis (metres).
 
-    Leading axes broadcast. The centre of the first pixel is (0.5, 0.5). A point behind the camera has negative depth
-    and a meaningless, finite pixel: mask by depth. Raises `InputError` for arrays of other shapes.
+    K is in pixels, R and t of `cam_from_world` and the points are in metres. Leading axes broadcast. The centre of the
+    first pixel is (0.5, 0.5). A point behind the camera has negative depth and a meaningless, finite pixel: mask by
+    depth. Raises `InputError` for arrays of other shapes.
     """
     _check(intrinsics, cam_from_world)
     check_shape("points", points, ("...", "point", 3), "metres in the world, a row for each, also of a single one")

@@ -99,7 +99,11 @@ class Base(NamedTuple):
 
 
 def prepare_base(energy: SearchEnergy, group: GroupProblem, capacity: int) -> Base:
-    """Draw the rest of the body and let every term prepare."""
+    """Draw the rest of the body and let every term prepare: what `score_particles` takes, once per group and frame.
+
+    `capacity` is how many windows of 8 x 8 pixels the rest may have in a view; `Base.needed` says how many it has, and
+    more are left out.
+    """
     buffers, needed = base_buffers(group, capacity)
     return Base(buffers, tuple(term.prepare(buffers, group) for term in energy.terms), needed)
 

@@ -78,8 +78,9 @@ def fit_capture_appearance(
     """Fit appearance models (Eq. 3) of a capture to its registered selected frames.
 
     `key_poses` maps each selected frame to its registered pose, or is what `register` returns. Masks are the capture's;
-    where it has none, the rendered silhouette takes its place. Raises `InputError` where there is no pose, or where
-    cameras or frames are not the capture's.
+    where it has none, the rendered silhouette takes its place; `masks` replaces them, frame -> one per camera,
+    undistorted like the pictures. `key` is for the clusters of the colours, `settings` those of `appearance_preset`.
+    Raises `InputError` where there is no pose, or where cameras or frames are not the capture's.
     """
     check_key(key)
     poses = key_poses_of(key_poses)

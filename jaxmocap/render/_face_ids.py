@@ -78,9 +78,11 @@ def face_ids(
 ) -> tuple[Int[Array, "camera height width"], Float[Array, "camera height width"]]:
     """Find which face is seen in each pixel of a rectangle per view.
 
-    `origins` are the row and column of each rectangle's first pixel. Returns face numbers (-1 where empty) and inverse
-    depth (1/metres, 0 where empty). Called from the host: a capacity that overflows is doubled and drawn again. Raises
-    `InputError` for arrays of other shapes.
+    The mesh is posed, in metres in the world; faces are front-facing when counter-clockwise seen from outside, and only
+    those are drawn. `origins` are the row and column of each rectangle's first pixel, 0 and 0 for the whole picture,
+    and `height` and `width` its pixels. Returns face numbers (-1 where empty) and inverse depth (1/metres, 0 where
+    empty). Called from the host: a capacity that overflows is doubled and drawn again. Raises `InputError` for arrays
+    of other shapes.
     """
     cameras = len(intrinsics)
     check_shape("vertices", vertices, ("vertex", 3))

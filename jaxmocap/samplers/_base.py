@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from jaxmocap._results import InputError
 
 Answer = Literal["mean", "best_if_better"]
+"""What `run` returns of a sampler, see `AbstractSampler`."""
 
 
 def particles_for(num_dofs: int) -> int:

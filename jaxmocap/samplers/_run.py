@@ -140,6 +140,10 @@ def run(
 ) -> tuple[Float[Array, "dof"], SearchInfo]:
     """Minimise `energy_fn` (particles (N, d) -> energies (N,)) over the box, in one compiled loop.
 
+    The box is from `lower` to `upper`, where infinity is no limit, and the first particles are drawn about `start` with
+    the standard deviations `spread`, in the units of the energy's argument. Returns the answer (d,) and how the search
+    went.
+
     Give an `eqx.Module` or a `jax.tree_util.Partial` as energy, so that new data does not compile again; a plain
     closure compiles once per function object, and energies computed on the host go through `jax.pure_callback`.
     `population` holds extra initial particles, for a warm start; the best of a `pool` are such particles too.
