@@ -9,7 +9,7 @@ import numpy as np
 from ._results import InputError
 
 
-def check_shape(what: str, values: Any, expected: tuple[int | str | None, ...], hint: str = "") -> None:
+def check_shape(what: str, values: Any, expected: tuple[int | str, ...], hint: str = "") -> None:
     """Raise `InputError` unless an array has this shape.
 
     In `expected` a number is that length, a word names an axis of any length, and a first `...` stands for any leading

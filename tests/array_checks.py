@@ -28,6 +28,7 @@ _CHECK_THEIR_OWN = {
     "jaxmocap.character._pose.retract",
     "jaxmocap.energies._search_energy.score_particles",
     "jaxmocap.render._face_ids.face_ids",
+    "jaxmocap.appearance._colour_model.psi",
     "jaxmocap.samplers._run.run",
     "jaxmocap.viewers._overlay.draw_overlay",
     "jaxmocap.pipeline._register_and_learn.fit_capture_appearance",
