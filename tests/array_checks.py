@@ -30,6 +30,7 @@ _CHECK_THEIR_OWN = {
     "jaxmocap.render._face_ids.face_ids",
     "jaxmocap.appearance._colour_model.psi",
     "jaxmocap.samplers._run.run",
+    "jaxmocap.experiments._batched.SearchBatch.__call__",
     "jaxmocap.viewers._overlay.draw_overlay",
     "jaxmocap.pipeline._register_and_learn.fit_capture_appearance",
     "jaxmocap.registration._register.register",

@@ -19,6 +19,7 @@ from jaxmocap.energies import (
     score_particles,
     search_energy,
 )
+from jaxmocap.experiments import story
 from jaxmocap.render import face_ids
 from jaxmocap.samplers import CrossEntropy, InteractingSimulatedAnnealing, run
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
@@ -76,6 +77,9 @@ def refused(words: str):
             r"intrinsics of cameras has the shape \(2, 3, 3\); \(1, 3, 3\) was expected",
             lambda: Cameras(("left",), ((64, 48),), VIEW.intrinsics, jnp.zeros((1, 5)), CAMERAS.cam_from_world[:1]),
         ),
+        "group": ("there is no group 'arm'; choose one of root, torso, l_arm", lambda: SKELETON.group("arm")),
+        "landmark": ("there is no landmark 'wrist'; choose one of pelvis", lambda: SKELETON.landmark("wrist")),
+        "story": ("there is no story 'fast'; choose one of arms-like-torso", lambda: story("fast")),
         "no terms": ("an energy without terms", lambda: SearchEnergy(())),
         "quality": ("quality 'best' is unknown", lambda: jm.appearance_preset("best")),
         "no particles": ("has 0 particles; at least 1", lambda: _run(sampler=CrossEntropy(num_particles=0))),
