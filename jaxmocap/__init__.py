@@ -21,13 +21,16 @@ What is public here is what a user of the pipeline names, in the order of the pi
 that one exchanges or builds with (an energy term, a sampler, a rasteriser) is public in its own package:
 `jaxmocap.energies`, `jaxmocap.samplers` and so on. Modules that begin with an underscore may change without notice.
 
-Importing this package imports nothing else: names are looked up when they are first used, so that the command line
-answers at once and `configure` can act before JAX is imported.
+Importing this package imports nothing else: names are looked up when they are first used, each in its own package, so
+that the command line answers at once and `configure` can act before JAX is imported.
 """
 
+import ast
 import importlib
 import importlib.util
 import sys
+from functools import cache
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -52,19 +55,30 @@ class _Package(ModuleType):
             super().__setattr__(name, value)
 
 
+@cache
+def _packages() -> dict[str, str]:
+    """Read from `_public` of which package every public name is; to import that module would import them all."""
+    tree = ast.parse(Path(__file__).with_name("_public.py").read_text())
+    return {
+        alias.asname or alias.name: f"{__name__}.{node.module}" if node.level else str(node.module)
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
 def __getattr__(name: str) -> Any:
     if name.startswith("_"):
         raise AttributeError(f"module 'jaxmocap' has no attribute {name!r}")
     if name not in _VERBS and importlib.util.find_spec(f"jaxmocap.{name}") is not None:
         return importlib.import_module(f"jaxmocap.{name}")
-    public = importlib.import_module("jaxmocap._public")
-    if hasattr(public, name):
-        return getattr(public, name)
+    if name in _packages():
+        return getattr(importlib.import_module(_packages()[name]), name)
     raise AttributeError(f"module 'jaxmocap' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *vars(importlib.import_module("jaxmocap._public"))})
+    return sorted({*globals(), *_packages()})
 
 
 sys.modules[__name__].__class__ = _Package

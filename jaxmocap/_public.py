@@ -21,6 +21,7 @@ from jaxmocap.pipeline import ScannedActor as ScannedActor, scan as scan
 from .appearance import Appearance as Appearance
 from .observation import Observations as Observations
 from jaxmocap.pipeline import fit_capture_appearance as fit_capture_appearance
+from jaxmocap._types import knob as knob
 from .render import SoftSettings as SoftSettings
 from .energies import SearchEnergy as SearchEnergy, search_energy as search_energy, soft_score as soft_score
 from .samplers import (

@@ -16,9 +16,10 @@ Knob = Float[Array, ""] | float
 
 
 def knob(default: float) -> Any:
-    """Declare a hyper-parameter one may sweep.
+    """Declare a field of an `eqx.Module` for a number that one may sweep: `weight: Float[Array, ""] = knob(0.1)`.
 
-    It is an array leaf, so that changing it, or `vmap`-ing over it, never recompiles.
+    It is an array leaf of single precision, so that changing it, or `vmap`-ing over it, never recompiles. Counts that
+    fix a shape are static fields instead, `eqx.field(static=True)`.
     """
     as_array: Callable[[Any], Array] = lambda value: jnp.asarray(value, dtype=jnp.float32)  # noqa: E731
     return eqx.field(converter=as_array, default=default)

@@ -10,9 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxmocap as jm
-from jaxmocap.character import skin
 from jaxmocap.energies import GroupProblem, Scores, SearchEnergy, body_part, prepare_base, score_particles
-from jaxmocap.observation import FrameProblem, place_rectangle, projected_box
+from jaxmocap.observation import FrameProblem
 from jaxmocap.synthetic import make_capture, write_capture
 
 WINDOWS = 8192
@@ -49,12 +48,6 @@ def one_frame(frame: int = 2, size: tuple[int, int] = (320, 180)) -> OneFrame:
     cameras, character = truth.cameras, truth.character
     appearance = jm.fit_capture_appearance(capture, cameras, character, poses, key=jax.random.key(0))
     observations = jm.observe(capture, cameras, character, appearance, poses)
-    shown = next(iter(observations.frames(range(frame, frame + 1))))
-    pose, view = truth.pose(frame), cameras.at(frame)
-    vertices = np.asarray(skin(character, pose))
-    boxes = [
-        projected_box(vertices, np.asarray(k), np.asarray(cam_from_world))
-        for k, cam_from_world in zip(view.intrinsics, view.cam_from_world, strict=True)
-    ]
-    rectangle = place_rectangle(np.stack(boxes), np.zeros(2), cameras.sizes)
-    return OneFrame(character, pose, observations.problem(shown, rectangle, pose), shown.images[0])
+    pose = truth.pose(frame)
+    seen = observations.at(frame, pose)
+    return OneFrame(character, pose, seen.problem, seen.shown.images[0])

@@ -21,6 +21,20 @@ _CHECK_THEIR_OWN = {
     "jaxmocap.motion._motion.Motion.__init__",
     "jaxmocap.metrics._markers.marker_error",
     "jaxmocap.metrics._surface.silhouette_iou",
+    "jaxmocap.camera._cameras.project",
+    "jaxmocap.camera._cameras.pixel_rays",
+    "jaxmocap.camera._cameras.triangulate",
+    "jaxmocap.camera._cameras.Cameras.__init__",
+    "jaxmocap.character._pose.retract",
+    "jaxmocap.energies._search_energy.score_particles",
+    "jaxmocap.render._face_ids.face_ids",
+    "jaxmocap.appearance._colour_model.psi",
+    "jaxmocap.samplers._run.run",
+    "jaxmocap.experiments._batched.SearchBatch.__call__",
+    "jaxmocap.viewers._overlay.draw_overlay",
+    "jaxmocap.pipeline._register_and_learn.fit_capture_appearance",
+    "jaxmocap.registration._register.register",
+    "jaxmocap.track._sequence.track",
 }
 
 

@@ -1,14 +1,17 @@
 """The documentation's code runs, and its tables say what the code does."""
 
+import ast
 import functools
 import importlib.util
+import inspect
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import sys
-from inspect import signature
 from pathlib import Path
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -16,13 +19,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmocap import baselines, exporters, samplers
+from jaxmocap import exporters, samplers
 from jaxmocap._cli import _run
+from jaxmocap._results import InputError
 from jaxmocap.appearance import AppearanceSettings, GridSettings
+from jaxmocap.baselines import METHODS, Baseline, method
 from jaxmocap.camera import FORMATS
 from jaxmocap.capture import Capture
-from jaxmocap.character import rest_pose, skin
+from jaxmocap.character import landmark_positions, rest_pose, retract, skin
 from jaxmocap.character._dof_table import human_table
+from jaxmocap.datasets import DATASETS, import_dataset, write_sequence
 from jaxmocap.energies import GroupProblem, SearchEnergy, body_part, prepare_base, score_particles
 from jaxmocap.importers._read_motion import SUFFIXES as MOTION_SUFFIXES
 from jaxmocap.motion import Motion
@@ -158,10 +164,60 @@ def test_the_exporter_of_contributing_writes_every_frame(motion, tmp_path, monke
     np.testing.assert_allclose(np.array(place, float) / 1000, [x, -z, y], atol=1e-6)
 
 
-def test_the_baseline_of_contributing_has_the_methods_that_a_baseline_must_have():
-    given, asked = run_block("jaxmocap/baselines/_still.py")["StandingStill"], baselines.Baseline
-    for name in ("start", "find"):
-        assert [*signature(getattr(given, name)).parameters] == [*signature(getattr(asked, name)).parameters]
+def test_the_baseline_of_contributing_begins_as_the_frame_loop_asks_it_to(shown):
+    still = run_block("jaxmocap/baselines/_still.py")["StandingStill"]()
+    history = SimpleNamespace(pose=shown.pose(0))
+    assert still.start(None, history, 0.1) is history.pose
+    assert inspect.signature(type(still).start).parameters.keys() == inspect.signature(Baseline.start).parameters.keys()
+
+
+def test_the_reader_of_contributing_makes_a_capture(shown, tmp_path):
+    reader = run_block("jaxmocap/datasets/_tripods.py")["Tripods"]()
+    made = Capture.open(write_capture(shown, tmp_path / "capture"))
+    folder = tmp_path / "recordings" / "walk"
+    folder.mkdir(parents=True)
+    view, shift = shown.cameras.at(0), np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    for number, name in enumerate(made.camera_names):
+        shutil.copy(made.indices[number].path, folder / f"{name}.mp4")
+        pose = np.asarray(view.cam_from_world[number], float)
+        matrix = np.asarray(view.intrinsics[number], float) - shift
+        np.savez(folder / f"{name}.npz", K=matrix, distortion=np.zeros(5), R=pose[:3, :3], t=pose[:3, 3])
+    assert reader.sequences(folder.parent) == ["walk"]
+    capture = Capture.open(write_sequence(reader.read(folder.parent, "walk"), tmp_path / "walk"))
+    np.testing.assert_allclose(capture.cameras.intrinsics, view.intrinsics, atol=1e-3)
+    np.testing.assert_allclose(capture.cameras.cam_from_world[:, 0], view.cam_from_world, atol=1e-5)
+    np.testing.assert_array_equal(capture.image(1, 2), made.image(1, 2))
+
+
+def test_the_lamp_of_contributing_bends_where_it_says():
+    names = {}
+    exec(
+        compile(code_of("CONTRIBUTING.md", "import numpy as np\nfrom jaxmocap.character import Dof"), "lamp", "exec"),
+        names,
+    )
+    lamp = names["lamp"]
+    assert lamp.dof_names[6:] == ("turn", "lift", "nod")
+    assert lamp.group("arm") == (6, 7, 8)
+    lifted = retract(lamp, rest_pose(lamp), jnp.zeros(9).at[7].set(np.pi / 2))
+    bulb = landmark_positions(lamp, lifted)[lamp.landmark_names.index("bulb")]
+    np.testing.assert_allclose(bulb, (0, 0, 0.4), atol=1e-6)
+
+
+def test_a_package_of_one_s_own_joins_the_tables_as_contributing_says(monkeypatch, motion, tmp_path):
+    for table in (METHODS, DATASETS, exporters.EXPORTERS):
+        for name in ("still", "uphill", "tripods", ".xyz"):
+            monkeypatch.setitem(table, name, None)
+            monkeypatch.delitem(table, name)
+    names = {}
+    files = ("baselines/_still.py", "samplers/_hill_climbing.py", "exporters/_xyz.py", "datasets/_tripods.py")
+    for file in files:
+        names |= run_block(f"jaxmocap/{file}")
+    exec(compile(code_of("CONTRIBUTING.md", "# mylab/__init__.py"), "mylab", "exec"), names)
+    assert isinstance(method("still", "draft"), names["StandingStill"])
+    assert isinstance(method("uphill", "draft").sampler, names["HillClimbing"])
+    assert exporters.export(motion, tmp_path / "a.xyz").is_file()
+    with pytest.raises(InputError, match=r"no sequence of Tripods\. Get it from the shelf"):
+        import_dataset("tripods", tmp_path, tmp_path / "out")
 
 
 @pytest.mark.slow
@@ -223,6 +279,20 @@ def test_the_pages_of_the_api_name_everything_public():
     shown = set(re.findall(r"^::: [\w.]+\.(\w+)$", pages, re.MULTILINE))
     public = {name for name, value in vars(_public).items() if callable(value)}
     assert public - shown == set()
+
+
+def test_the_pages_of_the_api_name_what_the_documentation_s_code_imports():
+    pages = "".join(path.read_text() for path in (ROOT / "docs" / "api").glob("*.md"))
+    shown = set(re.findall(r"^::: [\w.]+\.(\w+)$", pages, re.MULTILINE))
+    notebooks = [json.loads(path.read_text())["cells"] for path in (ROOT / "notebooks").glob("*.ipynb")]
+    texts = ["".join(cell["source"]) for cells in notebooks for cell in cells if cell["cell_type"] == "code"]
+    files = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+    texts += [block for file in files for block in re.findall(r"```python\n(.*?)```", file.read_text(), re.DOTALL)]
+    imports = [node for text in texts for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom)]
+    public = [node for node in imports if re.fullmatch(r"jaxmocap(\.[a-z]\w*)*", node.module or "") and not node.level]
+    named = {alias.name for node in public for alias in node.names}
+    assert {"skin", "Dof", "METHODS"} < named
+    assert named - shown == set()
 
 
 def test_the_site_builds_without_a_warning(tmp_path):

@@ -31,6 +31,7 @@ ROWS = (
     ("geometry",),
     ("_cache",),
     ("_files",),
+    ("_shapes",),
     ("_types", "_results", "_runtime", "_spans"),
 )
 RANK: dict[str, float] = {name: row for row, names in enumerate(ROWS) for name in names}
@@ -115,7 +116,7 @@ def test_samplers_and_refiners_know_neither_cameras_nor_bodies():
     for path in FILES:
         if unit_of(path) in ARRAYS_ONLY:
             units = {name.split(".")[1] for _, name in imported(path) if name.startswith("jaxmocap.")}
-            assert units <= ARRAYS_ONLY | {"_types", "_results"}, path
+            assert units <= ARRAYS_ONLY | {"_types", "_results", "_shapes"}, path
 
 
 def test_nothing_heavy_is_imported_until_a_name_is_used_and_track_is_public_in_either_order():
@@ -129,6 +130,9 @@ jaxmocap.configure()
 assert 'jax' not in sys.modules
 jaxmocap.Pose
 assert 'jax' in sys.modules
+others = {f'jaxmocap.{name}' for name in ('pipeline', 'viewers', 'track', 'calibration')} & set(sys.modules)
+assert not others, others
+assert 'Pose' in dir(jaxmocap) and 'jaxmocap._public' not in sys.modules
 for turn in (1, -1):
     for name in [name for name in sys.modules if name.split(".")[0] == "jaxmocap"]:
         del sys.modules[name]

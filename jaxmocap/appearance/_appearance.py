@@ -1,7 +1,7 @@
 """The Appearance record: what the person and the surroundings look like to every camera."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import equinox as eqx
 import jax
@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, UInt8
 
+from jaxmocap._results import InputError
 from jaxmocap._types import Quality
 
 from ._background import BackgroundModel, fit_background, nearest_selected
@@ -146,8 +147,10 @@ def appearance_preset(quality: Quality) -> AppearanceSettings:
     """Choose the appearance settings that go with a preset.
 
     "paper" leaves triangles that were never seen without a model, and knows the background by the grid's colour models
-    only.
+    only. Raises `InputError` for another name.
     """
+    if quality not in get_args(Quality):
+        raise InputError(f"quality '{quality}' is unknown; choose {', '.join(get_args(Quality))}.")
     if quality == "paper":
         return AppearanceSettings()
     return AppearanceSettings(foreground=ForegroundSettings(unseen="nearest"), behind="plate")

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxmocap._results import InputError
 from jaxmocap._types import Knob, knob
 
 TAU = 1.0
@@ -135,8 +136,11 @@ def psi(
     psi = min(min_k (c - mu_k)^T (S_k + s0^2 I)^-1 (c - mu_k) / kappa, tau).
 
     `element_ids` choose the element per pixel, colours are RGB in [0, 1]. The result is tau for a negative id and for
-    an element without a model. Exact and differentiable; for whole images `psi_table` is faster.
+    an element without a model. Exact and differentiable; for whole images `psi_table` is faster. Raises `InputError`
+    for colours of 8 bits.
     """
+    if not jnp.issubdtype(colours.dtype, jnp.floating):
+        raise InputError(f"colours have the type {colours.dtype}; RGB in [0, 1] was expected: divide 8 bits by 255.")
     settings = ColourSettings() if settings is None else settings
     whiten, offset = whitening(model, settings)
     known = jnp.asarray(element_ids) >= 0

@@ -54,7 +54,11 @@ METHODS: dict[str, Callable[[Quality], Tracker | Method]] = {
     "differentiable-rendering": differentiable_rendering,
     "differentiable-visibility": lambda quality: DifferentiableVisibility(),
 }
-"""By name; those that share parts with the tracker take them from the preset of this quality."""
+"""By name; those that share parts with the tracker take them from the preset of this quality. Add your own:
+`METHODS["still"] = lambda quality: StandingStill()`."""
+
+BUILT_IN = frozenset(METHODS)
+"""Names of the methods that jaxmocap comes with."""
 
 
 def method(name: str, quality: Quality = "normal") -> Tracker | Method:

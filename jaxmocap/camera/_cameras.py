@@ -5,7 +5,10 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
+
+from jaxmocap._shapes import check_shape
 
 _EXACT = jax.lax.Precision.HIGHEST  # accelerators may otherwise round products to ten bits: several pixels
 _SMALLEST_DEPTH = 1e-6
@@ -41,6 +44,13 @@ class Cameras(eqx.Module):
     distortion: Float[Array, "camera 5"]
     cam_from_world: Float[Array, "camera frame 4 4"]
 
+    def __check_init__(self) -> None:
+        count = len(self.names)
+        check_shape("sizes of cameras", self.sizes, (count, 2), "width and height in pixels of each one that is named")
+        check_shape("intrinsics of cameras", self.intrinsics, (count, 3, 3), "one matrix for each that is named")
+        check_shape("distortion of cameras", self.distortion, (count, 5), "k1 k2 p1 p2 k3 of each that is named")
+        check_shape("cam_from_world of cameras", self.cam_from_world, (count, "frame", 4, 4))
+
     @property
     def num_cameras(self) -> int:
         return self.cam_from_world.shape[0]
@@ -50,8 +60,8 @@ class Cameras(eqx.Module):
         return self.cam_from_world.shape[1]
 
     def at(self, frame: int) -> View:
-        """Return all cameras at one frame. A Python `frame` outside the capture is an `IndexError`."""
-        if isinstance(frame, int) and not 0 <= frame < self.num_frames:
+        """Return all cameras at one frame. A `frame` outside the capture is an `IndexError`, unless JAX traces it."""
+        if isinstance(frame, int | np.integer) and not 0 <= frame < self.num_frames:
             raise IndexError(f"frame {frame} is outside 0..{self.num_frames - 1}")
         return View(self.intrinsics, self.cam_from_world[:, frame])
 
@@ -88,6 +98,11 @@ class Cameras(eqx.Module):
         return -jnp.sum(rotation * translation[..., :, None], axis=-2)
 
 
+def _check(intrinsics: Array, cam_from_world: Array) -> None:
+    check_shape("intrinsics", intrinsics, ("...", 3, 3))
+    check_shape("cam_from_world", cam_from_world, ("...", 4, 4), "of one frame, Cameras.at(frame).cam_from_world")
+
+
 def _away_from_zero(depth: Float[Array, "..."]) -> Float[Array, "..."]:
     """Keep the depth off zero so that neither value nor gradient overflows."""
     return jnp.where(jnp.abs(depth) < _SMALLEST_DEPTH, _SMALLEST_DEPTH, depth)
@@ -98,9 +113,12 @@ def project(
 ) -> tuple[Float[Array, "... point 2"], Float[Array, "... point"]]:
     """Project by a pinhole, x = K (R X + t), without distortion: pixels and depth along the optical axis (metres).
 
-    Leading axes broadcast. The centre of the first pixel is (0.5, 0.5). A point behind the camera has negative depth
-    and a meaningless, finite pixel: mask by depth.
+    K is in pixels, R and t of `cam_from_world` and the points are in metres. Leading axes broadcast. The centre of the
+    first pixel is (0.5, 0.5). A point behind the camera has negative depth and a meaningless, finite pixel: mask by
+    depth. Raises `InputError` for arrays of other shapes.
     """
+    _check(intrinsics, cam_from_world)
+    check_shape("points", points, ("...", "point", 3), "metres in the world, a row for each, also of a single one")
     rotation, translation = cam_from_world[..., :3, :3], cam_from_world[..., None, :3, 3]
     in_camera = jnp.einsum("...ij,...nj->...ni", rotation, points, precision=_EXACT) + translation
     homogeneous = jnp.einsum("...ij,...nj->...ni", intrinsics, in_camera, precision=_EXACT)
@@ -121,7 +139,12 @@ def _normalised(
 def pixel_rays(
     intrinsics: Float[Array, "... 3 3"], cam_from_world: Float[Array, "... 4 4"], pixels: Float[Array, "... point 2"]
 ) -> tuple[Float[Array, "... 3"], Float[Array, "... point 3"]]:
-    """Cast viewing rays through pixels into the world: the optical centre (metres) and unit directions."""
+    """Cast viewing rays through pixels into the world: the optical centre (metres) and unit directions.
+
+    Raises `InputError` for arrays of other shapes.
+    """
+    _check(intrinsics, cam_from_world)
+    check_shape("pixels", pixels, ("...", "point", 2), "column and row, a row for each, also of a single one")
     plane = _normalised(intrinsics, pixels)
     in_camera = jnp.concatenate([plane, jnp.ones_like(plane[..., :1])], axis=-1)
     in_camera = in_camera / jnp.linalg.norm(in_camera, axis=-1, keepdims=True)
@@ -147,7 +170,11 @@ def triangulate(
 
     Minimises the weighted squared reprojection error in pixels; `refinements = 0` leaves the linear answer. A weight of
     zero means not seen, and whatever the pixel holds there is ignored. Points seen by fewer than two cameras are NaN.
+    Raises `InputError` for arrays of other shapes.
     """
+    cameras = views.intrinsics.shape[0]
+    check_shape("pixels", pixels, (cameras, "point", 2), f"column and row in each of the {cameras} cameras")
+    check_shape("weights", weights, (cameras, pixels.shape[1]), "one for each pixel")
     count = jnp.sum(weights > 0, axis=0)
     seen = count >= 2
     pixels = jnp.where((weights > 0)[..., None], pixels, views.intrinsics[:, None, :2, 2])

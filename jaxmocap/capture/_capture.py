@@ -175,6 +175,8 @@ class Capture:
         )
 
     def _own_frame(self, camera_index: int, frame: int) -> int:
+        if not isinstance(camera_index, int | np.integer) or not 0 <= camera_index < self.num_cameras:
+            raise IndexError(f"camera {camera_index!r} is none of 0..{self.num_cameras - 1}")
         if not 0 <= frame < self.num_frames:
             raise IndexError(f"frame {frame} is outside 0..{self.num_frames - 1}")
         return int(self.video_frames[camera_index, frame])
@@ -215,11 +217,15 @@ class Capture:
         return _RandomAccess(self.indices)
 
     def image(self, camera_index: int, frame: int) -> UInt8[np.ndarray, "height width 3"]:
-        """Decode one image, RGB, undistorted; any order. The last few are kept. Treat it as read-only."""
+        """Decode one image, RGB, undistorted; any order. The last few are kept. Treat it as read-only.
+
+        Cameras and frames count from 0; others raise `IndexError`.
+        """
         access = self._random_access
         with access.lock:
             key = (camera_index, frame)
             if key not in access.images:
+                self._own_frame(camera_index, frame)  # says what is wrong with either
                 image = self._read(camera_index, access.reader(camera_index), frame)
                 image.flags.writeable = False
                 access.images[key] = image

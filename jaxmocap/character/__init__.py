@@ -25,6 +25,7 @@ from ._character import (
 )
 from ._dof_table import (
     BODIES as BODIES,
+    Dof as Dof,
     SkeletonTable as SkeletonTable,
     human_table as human_table,
     known_dofs as known_dofs,

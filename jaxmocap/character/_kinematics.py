@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, UInt32
 from jaxmocap.geometry import hat, matmul, rigid
 
 from ._character import Character
-from ._pose import Pose
+from ._pose import Pose, check_pose
 from ._skeleton import Skeleton
 
 
@@ -31,8 +31,9 @@ def chain(skeleton: Skeleton, pose: Pose) -> Chain:
 
     Revolute twists are exponentiated in Rodrigues' form `[R, (I - R) q]`, exact at zero. A loop, so that the many
     programs that pose a body stay small: joint by joint on a CPU, and a third as long on an accelerator, which moves
-    the joints of a level side by side.
+    the joints of a level side by side. Raises `InputError` for a pose of another skeleton.
     """
+    check_pose(skeleton, pose)
     w = hat(skeleton.axes)
     sine, cosine = jnp.sin(pose.angles)[:, None, None], jnp.cos(pose.angles)[:, None, None]
     eye = jnp.eye(3, dtype=skeleton.axes.dtype)

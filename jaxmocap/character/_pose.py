@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmocap._shapes import check_shape
 from jaxmocap.geometry import matmul, rigid, so3_exp, so3_log
 
 from ._skeleton import ROOT_DOFS, Skeleton
@@ -29,6 +30,13 @@ class Pose(eqx.Module):
 
     root: Float[Array, "*batch 4 4"]
     angles: Float[Array, "*batch angle"]
+
+
+def check_pose(skeleton: Skeleton, pose: Pose) -> None:
+    """Raise `InputError` unless this is one pose of this skeleton."""
+    many = "map over several poses with jax.vmap"
+    check_shape("pose.root", pose.root, (4, 4), many)
+    check_shape("pose.angles", pose.angles, (skeleton.num_angles,), f"one per angle of the skeleton; {many}")
 
 
 def rest_pose(skeleton: Skeleton) -> Pose:
@@ -48,8 +56,11 @@ def retract(skeleton: Skeleton, pose: Pose, delta: Float[Array, " dof"]) -> Pose
 
     `delta[0:3]` translates the pelvis in the world (metres), `delta[3:6]` is a world rotation vector applied on the
     left about the pelvis (radians), `delta[6:]` adds to the joint angles. Departs from Eq. 2's root twist about the
-    world origin, which couples rotation with translation when the origin is far away.
+    world origin, which couples rotation with translation when the origin is far away. Raises `InputError` for an
+    increment of another length.
     """
+    check_pose(skeleton, pose)
+    check_shape("the increment", delta, (skeleton.num_dofs,), "six of the root, then one per angle of the skeleton")
     rotation = matmul(so3_exp(delta[3:6]), pose.root[:3, :3])
     pelvis = pelvis_position(skeleton, pose) + delta[:3]
     translation = pelvis - jnp.sum(rotation * skeleton.pelvis, axis=-1)

@@ -6,6 +6,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jaxmocap._results import InputError
+
 ROOT_DOFS = 6
 """Degrees of freedom of the root, the first ones of every skeleton: three translations, three rotations."""
 
@@ -115,15 +117,20 @@ class Skeleton(eqx.Module):
         return group[2:] if is_limb(group) else group
 
     def group(self, name: str) -> tuple[int, ...]:
-        """List the degrees of freedom of a group such as `l_arm`, as indices."""
-        return dict(self.groups)[name]
+        """List the degrees of freedom of a group such as `l_arm`, as indices. Raises `InputError` for another name."""
+        groups = dict(self.groups)
+        if name not in groups:
+            raise InputError(f"there is no group '{name}'; choose one of {', '.join(groups)}.")
+        return groups[name]
 
     def distal_dofs(self, group: str) -> tuple[int, ...]:
         """List those of a limb's degrees of freedom that leave its upper arm or thigh where it is."""
         return tuple(dof for dof in self.group(group) if dof in self.distal)
 
     def landmark(self, name: str) -> Float[Array, "3"]:
-        """Return the rest position of a landmark such as `l_elbow`, metres."""
+        """Return the rest position of a landmark such as `l_elbow`, metres. Raises `InputError` for another name."""
+        if name not in self.landmark_names:
+            raise InputError(f"there is no landmark '{name}'; choose one of {', '.join(self.landmark_names)}.")
         return self.landmarks[self.landmark_names.index(name)]
 
     def per_dof(self, root: float, angles: float) -> Float[np.ndarray, "dof"]:

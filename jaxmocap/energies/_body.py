@@ -66,7 +66,8 @@ def body_part(
 ) -> BodyPart:
     """Cut out the part of the mesh that `dofs` move (host); a root DoF moves everything.
 
-    Raises `ValueError` if no face depends on them.
+    `dofs` are numbers among all, such as `skeleton.group("l_arm")`. With the `least_` numbers the part is filled up, so
+    that several parts share their programs. Raises `ValueError` if no face depends on them.
     """
     skeleton = character.skeleton
     vertices, weights, faces = map(np.asarray, (character.vertices, character.weights, character.faces))
@@ -115,7 +116,7 @@ def base_buffers(
         listed, _ = window_list(screen, drawn, frame.size, frame.depth_range[camera], layout, capacity)
         return draw(empty_buffer(layout, *frame.size), listed, layout), listed.needed
 
-    buffers, needed = lax.map(view, jnp.arange(frame.num_cameras))
+    buffers, needed = lax.map(view, jnp.arange(frame.num_cameras, dtype=jnp.int32))
     return buffers, needed.max()
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from jaxmocap._types import Knob, knob
 from jaxmocap.appearance import TAU
 from jaxmocap.observation import Clusters, FrameProblem
-from jaxmocap.render import WINDOW, KeyLayout, SoftFaces, block_sums, crop, look_up, sum_over_blocks
+from jaxmocap.render import WINDOW, KeyLayout, SoftFaces, block_sums, corner, crop, look_up, sum_over_blocks
 
 from ._body import GroupProblem
 from ._term import AbstractTerm, Drawn, SoftDrawn
@@ -81,7 +81,7 @@ class ModelView(AbstractTerm):
         def view(camera: Array) -> Array:
             def cost(row: Array, column: Array, block: tuple[int, int]) -> Array:
                 def cut(values: Array, border: int = 0) -> Array:
-                    start = (camera, border + row, border + column, 0)[: values.ndim]
+                    start = corner(camera, border + row, border + column, 0)[: values.ndim]
                     return jax.lax.dynamic_slice(values, start, (1, *block, *values.shape[3:]))[0]
 
                 keys, behind = cut(drawn.buffers, WINDOW), cut(frame.background)
@@ -94,7 +94,7 @@ class ModelView(AbstractTerm):
                 return cost(jnp.int32(0), jnp.int32(0), frame.size).sum()
             return sum_over_blocks(drawn.dirty[camera], frame.size, prepared[camera], cost)
 
-        cost = jax.lax.map(view, jnp.arange(frame.num_cameras))
+        cost = jax.lax.map(view, jnp.arange(frame.num_cameras, dtype=jnp.int32))
         return (cost.sum() + self.outside * drawn.outside.sum()) / frame.area
 
     def soft(self, drawn: SoftDrawn) -> Float[Array, ""]:

@@ -10,6 +10,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxmocap._results import InputError
+from jaxmocap._shapes import check_shape
 from jaxmocap.character import Character, Pose, retract, skin
 from jaxmocap.observation import FrameProblem
 from jaxmocap.render import (
@@ -36,6 +38,10 @@ class SearchEnergy(eqx.Module):
     """A weighted sum of terms. Weights are array leaves: changing them never recompiles."""
 
     terms: tuple[AbstractTerm, ...]
+
+    def __check_init__(self) -> None:
+        if not self.terms:
+            raise InputError("an energy without terms is asked for; give one at least, or take search_energy().")
 
     def reweight(self, **weights: float | Array) -> "SearchEnergy":
         """Give the energy other weights, by term name: `energy.reweight(view_view=0.0)`."""
@@ -93,7 +99,11 @@ class Base(NamedTuple):
 
 
 def prepare_base(energy: SearchEnergy, group: GroupProblem, capacity: int) -> Base:
-    """Draw the rest of the body and let every term prepare."""
+    """Draw the rest of the body and let every term prepare: what `score_particles` takes, once per group and frame.
+
+    `capacity` is how many windows of 8 x 8 pixels the rest may have in a view; `Base.needed` says how many it has, and
+    more are left out.
+    """
     buffers, needed = base_buffers(group, capacity)
     return Base(buffers, tuple(term.prepare(buffers, group) for term in energy.terms), needed)
 
@@ -109,10 +119,16 @@ def score_particles(
 ) -> Scores:
     """Score every increment of the group's pose by Eq. 5; with `live` only those marked, the others fill up the shape.
 
+    An increment has all degrees of freedom, in metres and radians (see `retract`); those that do not move the part are
+    taken from it too, so leave them at 0. `capacity` is how many windows of 8 x 8 pixels one view of a particle may
+    have, such as 4096. Where `Scores.needed` is more, what did not fit is missing from the scores: take as much.
+
     With the "loop" driver particles are drawn one after the other into the same key buffers: on a CPU this is far
     faster than `vmap`. With several devices the particles are shared out among them, with the same bits. With "scatter"
-    all run at once, for an accelerator. The default is the machine's `best_driver`; keys are the same in both.
+    all run at once, for an accelerator. The default is the machine's `best_driver`; keys are the same in both. Raises
+    `InputError` for increments of another shape.
     """
+    check_shape("increments", increments, ("particle", group.character.skeleton.num_dofs), "a row for each particle")
     driver = driver or best_driver()
     dynamic, static = eqx.partition((energy, group, base), eqx.is_array)
 
@@ -121,7 +137,7 @@ def score_particles(
         return _score(energy, group, base, rows, capacity, driver)
 
     terms, needed = _share_out(generation, dynamic, _Rows(increments, live))
-    return Scores(_weighted(terms, energy), terms, needed.max())
+    return Scores(_weighted(terms, energy), terms, needed.max(initial=0))
 
 
 def _weighted(terms: Float[Array, "*particle term"], energy: SearchEnergy) -> Float[Array, "*particle"]:
@@ -158,10 +174,12 @@ def _score(
             dirty = dirty_tiles(keys, below, size, band if driver == "loop" else None, camera * height)
             return keys, (band, dirty, pixels_outside(places, size, room[camera]), listed.needed)
 
-        keys, (bands, dirty, outside, needed) = lax.scan(view, before.keys, (jnp.arange(num_cameras), before.bands))
+        keys, (bands, dirty, outside, needed) = lax.scan(
+            view, before.keys, (jnp.arange(num_cameras, dtype=jnp.int32), before.bands)
+        )
         drawn = Drawn(pose, keys.reshape(base.buffers.shape), dirty, outside, driver)
-        pairs = zip(energy.terms, base.prepared, strict=True)
-        return _Canvas(keys, bands), (jnp.stack([term.score(own, drawn, group) for term, own in pairs]), needed.max())
+        terms = [term.score(own, drawn, group) for term, own in zip(energy.terms, base.prepared, strict=True)]
+        return _Canvas(keys, bands), (jnp.stack(terms).astype(rows.increments.dtype), needed.max())
 
     def one_if(before: _Canvas, row: tuple[Array, tuple[Pose, Array]]) -> tuple[_Canvas, tuple[Array, Array]]:
         nothing = (jnp.zeros(len(energy.terms), rows.increments.dtype), jnp.zeros((), jnp.int32))

@@ -27,6 +27,7 @@ from ._statistics import (
     Difference as Difference,
     Summary as Summary,
     compare as compare,
+    fewest_pairs as fewest_pairs,
     paired_difference as paired_difference,
     summary as summary,
 )

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from jaxmocap._results import InputError
+from jaxmocap._shapes import check_shape
 from jaxmocap.character import Character, Pose
 from jaxmocap.energies import GroupProblem, SearchEnergy, body_part, part_windows, prepare_base, score_particles
 from jaxmocap.observation import FrameProblem
@@ -75,10 +76,8 @@ class SearchBatch(eqx.Module):
         It sees every `step`-th pixel of the frame's rectangle. `driver` is how particles are drawn, by default the
         machine's best. Raises `InputError` for an unknown group.
         """
-        groups = dict(character.skeleton.groups)
-        if group not in groups:
-            raise InputError(f"there is no group '{group}'; choose one of {', '.join(groups)}.")
-        dofs, skeleton = groups[group], character.skeleton
+        skeleton = character.skeleton
+        dofs = skeleton.group(group)
         part = body_part(character, dofs)
         whole = GroupProblem(character, part, pose, problem.coarser(step))
         reach = jnp.array(ROOT_REACH)
@@ -100,8 +99,10 @@ class SearchBatch(eqx.Module):
         """Search with all settings and all seeds.
 
         `settings` are array leaves of the energy by their dotted names, as long as each other:
-        `{"terms.view_view.weight": jnp.array([0.0, 0.3, 1.0])}`.
+        `{"terms.view_view.weight": jnp.array([0.0, 0.3, 1.0])}`. Raises `InputError` for other settings, and for seeds
+        that are no whole numbers.
         """
+        check_shape("seeds", seeds, ("seed",), "whole numbers such as jnp.arange(8)")
         energies, axes = self.batched(settings)
         keys = jax.vmap(jax.random.key)(jnp.asarray(seeds))
         increments, values = _every(self, energies, axes, keys)

@@ -16,9 +16,9 @@ from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
 from jaxmocap._types import Quality
 from jaxmocap.appearance import Appearance, appearance_preset
-from jaxmocap.baselines import method
+from jaxmocap.baselines import METHODS, method
 from jaxmocap.camera import Cameras
-from jaxmocap.capture import Capture, Detections, content_hash
+from jaxmocap.capture import Capture, Detections, config_path, content_hash
 from jaxmocap.character import Character, Pose
 from jaxmocap.clip import ClipPlan
 from jaxmocap.geometry import so3_exp, vertex_normals
@@ -27,7 +27,7 @@ from jaxmocap.motion import Motion
 from jaxmocap.observation import key_poses_of, observe
 from jaxmocap.pipeline import fit_capture_appearance, open_character, with_person_masks, with_selected_frames
 from jaxmocap.registration import register
-from jaxmocap.track import Tracker, clip_plan, motion_of, track_frames, with_settings
+from jaxmocap.track import Method, Tracker, clip_plan, motion_of, track_frames, with_settings
 from jaxmocap.verdict import FrameResult
 
 from ._run import Inputs, Run
@@ -47,6 +47,33 @@ class Prepared(NamedTuple):
     hash: str
 
 
+def check_runs(runs: Sequence[Run]) -> None:
+    """Raise `InputError`, before hours of work, for a method, preset, setting or capture that does not exist."""
+    known: set[str] = set()
+    for run in runs:
+        asked = repr((run.method, run.quality, run.settings, run.appearance, run.capture))
+        if asked in known:
+            continue
+        known.add(asked)
+        if run.method not in METHODS:
+            method(run.method)
+        with_settings(appearance_preset(run.quality), run.appearance)
+        if run.settings:
+            tracker_of(run)
+        if isinstance(run.capture, str):
+            config_path(run.capture)
+
+
+def tracker_of(run: Run) -> Tracker | Method:
+    """Return the method of a run with its settings. Raises `InputError` for one that it does not have."""
+    tracker = method(run.method, run.quality)
+    if not run.settings:
+        return tracker
+    if not isinstance(tracker, Tracker):
+        raise InputError(f"method '{run.method}' has no settings of the tracker; leave {list(run.settings)} out.")
+    return with_settings(tracker, run.settings)
+
+
 def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
     """Do one run: its record, which is one row of the table, and its motion.
 
@@ -64,11 +91,7 @@ def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
     if (capture.folder / DETECTIONS).is_dir():
         detections = Detections.open(capture, capture.folder / DETECTIONS)
     observations = observe(capture, prepared.cameras, prepared.character, appearance, prepared.key_poses, detections)
-    tracker = method(run.method, run.quality)
-    if run.settings:
-        if not isinstance(tracker, Tracker):
-            raise InputError(f"method '{run.method}' has no settings of the tracker; leave {list(run.settings)} out.")
-        tracker = with_settings(tracker, run.settings)
+    tracker = tracker_of(run)
     if isinstance(tracker, Tracker) and tracker.detections is not None and detections is None:
         raise InputError(f"'{capture.name}' has no folder {DETECTIONS} with keypoints, which '{run.method}' needs.")
     ready = time.perf_counter()

@@ -1,11 +1,16 @@
 """One run of an experiment: a method on a capture with some settings and a seed; its record."""
 
+import contextlib
 import hashlib
+import inspect
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
+
+from jaxmocap._cache import digest
+from jaxmocap.baselines import BUILT_IN, METHODS
 
 from ._suite import CaptureSpec
 
@@ -37,7 +42,7 @@ class Run:
 
     Attributes:
         capture: a suite's capture, or the folder of a real one.
-        method: a name of `jaxmocap.baselines.METHODS`.
+        method: a name of `jaxmocap.baselines.METHODS`, also one that you added there.
         quality: the preset.
         settings: changes of the tracker by dotted names, as `with_settings` takes them.
         appearance: changes of the appearance's settings, in the same way.
@@ -72,6 +77,7 @@ class Run:
             "inputs": asdict(self.inputs),
             "frames": None if self.frames is None else list(self.frames),
             "seed": self.seed,
+            **({} if self.method in BUILT_IN or self.method not in METHODS else {"own_method": _own_method(self)}),
         }
 
     @property
@@ -79,6 +85,22 @@ class Run:
         """Names the run's files: equal runs of several experiments are done once."""
         digest = hashlib.sha256(json.dumps(self.described(), sort_keys=True).encode()).hexdigest()[:12]
         return f"{self.capture_name}-{self.method}-{digest}"
+
+
+def _own_method(run: Run) -> str:
+    """Hash a method that a user added: its numbers, and the files that it and its name are from. Of what is typed into
+    a notebook there is no file."""
+    make = METHODS[run.method]
+    value = make(run.quality)
+    try:
+        numbers = digest(value)
+    except TypeError:  # it holds things that have no content to compare
+        numbers = repr(value)
+    found = hashlib.sha256(numbers.encode())
+    for part in (make, type(value)):
+        with contextlib.suppress(OSError, TypeError):
+            found.update(Path(inspect.getsourcefile(part) or "").read_bytes())
+    return found.hexdigest()[:12]
 
 
 @dataclass(frozen=True)

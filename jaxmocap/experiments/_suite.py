@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxmocap._files import atomic_folder, write_text
+from jaxmocap._results import InputError
 from jaxmocap.capture import KEYPOINT_NAMES
 from jaxmocap.synthetic import SyntheticCapture, body_25, make_capture, write_capture
 
@@ -49,8 +50,11 @@ class CaptureSpec:
 def story(name: str, *, quick: bool = False) -> CaptureSpec:
     """Make one of `STORIES`: 6 frames of 320 x 180 pixels if `quick`, else 30 frames of 480 x 270, both 15 per second.
 
-    Keypoints and masks are given at five frames, of which experiments select some.
+    Keypoints and masks are given at five frames, of which experiments select some. Raises `InputError`
+    for another name.
     """
+    if name not in STORIES:
+        raise InputError(f"there is no story '{name}'; choose one of {', '.join(STORIES)}.")
     frames = 6 if quick else 30
     selected = sorted({0, frames // 4, frames // 2, 3 * frames // 4, frames - 1})
     basic = {

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,10 @@ from typing import Any
 from jaxmocap._cache import code_hash
 from jaxmocap._files import write_json, write_text
 from jaxmocap._results import InputError
+from jaxmocap.baselines import BUILT_IN, METHODS
 from jaxmocap.pipeline import Failure, check_workers, on_workers
 
-from ._perform import perform
+from ._perform import check_runs, perform
 from ._run import Run
 
 RUNS, CAPTURES, MOTIONS = "runs", "captures", "motions"
@@ -22,9 +23,9 @@ Report = Callable[[str, int, int], None]
 
 def sweep(
     runs: Iterable[Run],
-    out: Path,
+    out: str | Path,
     *,
-    captures: Path | None = None,
+    captures: str | Path | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     retry_failed: bool = False,
@@ -37,12 +38,18 @@ def sweep(
     stop the rest; `retry_failed` does those again. Synthetic captures are kept in `captures` (default `out/captures`).
 
     `workers` processes share the runs, or a Dask cluster whose `scheduler` is named, as `on_workers` says; `out` must
-    then be a folder that all of them see. Raises `InputError` when `out` holds runs of other code: figures of two
-    versions are never mixed, and, with nothing written, where Dask is needed and not installed.
+    then be a folder that all of them see. Methods that were added to `jaxmocap.baselines.METHODS` are sent to them.
+
+    Raises `InputError` when `out` holds runs of other code: figures of two versions are never mixed. With nothing
+    written it is raised where Dask is needed and not installed, and for a run that names a method, a preset, a setting
+    or a capture that does not exist.
     """
+    out = Path(out)
     check_workers(workers, scheduler)
+    runs = list(runs)
+    check_runs(runs)
     _refuse_other_code(out)
-    captures = out / CAPTURES if captures is None else captures
+    captures = out / CAPTURES if captures is None else Path(captures)
     for folder in (out / RUNS, out / MOTIONS, captures):
         folder.mkdir(parents=True, exist_ok=True)
     todo = {run.key: run for run in runs}
@@ -52,7 +59,8 @@ def sweep(
     done, total = len(todo) - len(open_runs), len(todo)
     tell = progress or (lambda stage, done, total: None)
     tell("runs", done, total)
-    call = partial(attempt, out=out.resolve(), captures=captures.resolve())
+    added = {run.method: METHODS[run.method] for run in open_runs if run.method not in BUILT_IN}
+    call = partial(attempt, out=out.resolve(), captures=captures.resolve(), methods=added)
     died = partial(_failed, out=out, seconds=float("nan"))
     for record in on_workers(call, _by_capture(open_runs), died, workers, scheduler):
         known[record["key"]] = record
@@ -77,8 +85,12 @@ def read_record(out: Path, key: str) -> dict[str, Any] | None:
     return json.loads(path.read_text()) if path.is_file() else None
 
 
-def attempt(run: Run, out: Path, captures: Path) -> dict[str, Any]:
-    """Do one run and write its record, whatever comes of it. Only interruptions pass through."""
+def attempt(run: Run, out: Path, captures: Path, methods: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
+    """Do one run and write its record, whatever comes of it. Only interruptions pass through.
+
+    `methods` are those that a user added, of which another process does not know.
+    """
+    METHODS.update(methods)
     begin = time.perf_counter()
     try:
         record, motion = perform(run, captures)

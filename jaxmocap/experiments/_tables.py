@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from jaxmocap._files import atomic_path, write_csv
 from jaxmocap._results import InputError
 
 from ._run import Trial
-from ._statistics import Difference, compare, summary
+from ._statistics import Difference, compare, fewest_pairs, summary
 
 Row = dict[str, Any]
 COLUMNS = (
@@ -136,7 +138,7 @@ def _margins(rows: Sequence[Row], metric: Metric) -> Table:
             body.append((method, *_difference(compare(ours, theirs, metric.column))))
     caption = (
         f"How much larger the {metric.name} is than ours: paired by capture and seed, each capture once, 95 % "
-        "bootstrap interval"
+        f"bootstrap interval from {fewest_pairs()} pairs on"
     )
     return Table(caption, ("method", "pairs", "median cm", "interval", "verdict"), body)
 
@@ -198,6 +200,6 @@ def _text(rows: Sequence[Row], metric: Metric) -> str:
 def _difference(found: Difference) -> tuple[str, str, str, str]:
     if not found.pairs:
         return "0", "", "", "no pairs"
-    interval = "" if found.pairs < 2 else f"[{found.low:+.2f}, {found.high:+.2f}]"
+    interval = "" if np.isnan(found.low) else f"[{found.low:+.2f}, {found.high:+.2f}]"
     verdict = "not sure" if not found.sure else ("ours is better" if found.low > 0 else "ours is worse")
     return str(found.pairs), f"{found.median:+.2f}", interval, verdict

@@ -43,7 +43,13 @@ from ._mask_confidence import (
     mask_confidence as mask_confidence,
     outline_contrast as outline_contrast,
 )
-from ._observe import Observations as Observations, key_poses_of as key_poses_of, observe as observe
+from ._observe import (
+    Observations as Observations,
+    Registered as Registered,
+    check_key_poses as check_key_poses,
+    key_poses_of as key_poses_of,
+    observe as observe,
+)
 from ._problem import (
     Edges as Edges,
     Frame as Frame,

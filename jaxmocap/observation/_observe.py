@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
+from jaxmocap._results import InputError
 from jaxmocap.appearance import Appearance, label_image
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, Detections
@@ -18,7 +19,7 @@ from ._detections import DetectorOffsets, expected_keypoints, nearest_person, st
 from ._features import FeatureSettings
 from ._flow import FlowAhead
 from ._problem import Frame, FrameImages, FrameProblem, build_problem
-from ._rectangle import Rectangle
+from ._rectangle import Rectangle, frame_rectangle
 from ._surface import filled_surface, surface_of
 
 
@@ -138,6 +139,16 @@ class Observations:
         )
         return Frame(shown, rectangle, problem), background
 
+    def at(self, frame: int, pose: Pose) -> Frame:
+        """Observe the frame at a position by itself, in the rectangle around a pose near the answer.
+
+        `observations.at(12, pose).problem` are the arrays that energies, `jm.polish` and `SearchBatch` take. Raises
+        `InputError` where a camera does not see the pose, `IndexError` for a frame that the capture does not have.
+        """
+        rectangle = frame_rectangle(np.asarray(skin(self.character, pose)), self.cameras, frame)
+        (shown,) = self._decoded(range(frame, frame + 1))
+        return self.observe(shown, rectangle, pose, self.background.start())[0]
+
     def problem(self, shown: FrameImages, rectangle: Rectangle, pose: Pose) -> FrameProblem:
         """Observe one frame as arrays, by itself: its background is that of the selected frames."""
         return self.observe(shown, rectangle, pose, self.background.start())[0].problem
@@ -160,6 +171,22 @@ class Observations:
         return stacked_keypoints([nearest_person(*each) for each in zip(people, expected, strict=True)])
 
 
+def check_key_poses(capture: Capture, cameras: Cameras, key_poses: Mapping[int, Pose]) -> None:
+    """Raise `InputError` unless there is a pose of a frame of the capture at least, and the cameras are its own."""
+    if (cameras.num_cameras, cameras.num_frames) != (capture.num_cameras, capture.num_frames):
+        raise InputError(
+            f"capture '{capture.name}' has {capture.num_cameras} cameras and {capture.num_frames} frames, but the "
+            f"cameras given are {cameras.num_cameras} with {cameras.num_frames}; give capture.cameras, or as many."
+        )
+    if not key_poses:
+        raise InputError(f"no pose of capture '{capture.name}' is given; give those that jm.register finds.")
+    if wrong := [frame for frame in key_poses if not 0 <= frame < capture.num_frames]:
+        raise InputError(
+            f"a pose is given for frame {wrong[0]}, but capture '{capture.name}' has frames 0 to "
+            f"{capture.num_frames - 1}; give positions in the span that all cameras share."
+        )
+
+
 def observe(
     capture: Capture,
     cameras: Cameras,
@@ -168,5 +195,11 @@ def observe(
     key_poses: Mapping[int, Registered] | Mapping[int, Pose],
     detections: Detections | None = None,
 ) -> Observations:
-    """Observe a capture: its frames as problems, decoded one at a time while they are tracked."""
-    return Observations(capture, cameras, character, appearance, key_poses_of(key_poses), detections=detections)
+    """Observe a capture: its frames as problems, decoded one at a time while they are tracked.
+
+    `key_poses` are poses at selected frames, or what `register` returns; `appearance` is learnt from the same. Raises
+    `InputError` where there is none, or where cameras or frames are not the capture's.
+    """
+    poses = key_poses_of(key_poses)
+    check_key_poses(capture, cameras, poses)
+    return Observations(capture, cameras, character, appearance, poses, detections=detections)

@@ -56,6 +56,7 @@ class FrameProblem(eqx.Module):
 
     @property
     def num_cameras(self) -> int:
+        """How many views there are."""
         return self.image.shape[0]
 
     @property
@@ -70,6 +71,7 @@ class FrameProblem(eqx.Module):
 
     @property
     def projection(self) -> Float[Array, "camera 3 4"]:
+        """K [R | t] of each view, to pixels of the full image."""
         return projection_matrices(self.intrinsics, self.cam_from_world)
 
     def with_keypoints(

@@ -1,19 +1,20 @@
 """What tracking begins with: masks, registered poses and appearance of the selected frames."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool, PRNGKeyArray
 
+from jaxmocap._shapes import check_key
 from jaxmocap._types import Quality
 from jaxmocap.appearance import Appearance, AppearanceSettings, appearance_preset, fit_appearance
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture
 from jaxmocap.character import Character, Pose, skin
 from jaxmocap.geometry import facing_cosine
-from jaxmocap.observation import full_image_ids, key_poses_of
+from jaxmocap.observation import Registered, check_key_poses, full_image_ids, key_poses_of
 from jaxmocap.registration import Overrides, PersonMasks, Registration, masks_of, register
 
 from ._defaults import find_person_masks
@@ -68,7 +69,7 @@ def fit_capture_appearance(
     capture: Capture,
     cameras: Cameras,
     character: Character,
-    key_poses: dict[int, Pose],
+    key_poses: Mapping[int, Pose] | Mapping[int, Registered],
     *,
     key: PRNGKeyArray,
     masks: dict[int, list[Bool[np.ndarray, "height width"] | None]] | None = None,
@@ -76,13 +77,18 @@ def fit_capture_appearance(
 ) -> Appearance:
     """Fit appearance models (Eq. 3) of a capture to its registered selected frames.
 
-    `key_poses` maps each selected frame to its registered pose. Masks are the capture's; where it has none, the
-    rendered silhouette takes its place.
+    `key_poses` maps each selected frame to its registered pose, or is what `register` returns. Masks are the capture's;
+    where it has none, the rendered silhouette takes its place; `masks` replaces them, frame -> one per camera,
+    undistorted like the pictures. `key` is for the clusters of the colours, `settings` those of `appearance_preset`.
+    Raises `InputError` where there is no pose, or where cameras or frames are not the capture's.
     """
-    selected = sorted(key_poses)
+    check_key(key)
+    poses = key_poses_of(key_poses)
+    check_key_poses(capture, cameras, poses)
+    selected = sorted(poses)
     ids, images, facing, person = [], [], [], []
     for frame in selected:
-        vertices = skin(character, key_poses[frame])
+        vertices = skin(character, poses[frame])
         centres = np.asarray(cameras.centres())[:, frame]
         ids.append(full_image_ids(character, vertices, cameras, frame))
         images.append([capture.image(camera, frame) for camera in range(cameras.num_cameras)])

@@ -141,8 +141,12 @@ class AbstractRefiner(eqx.Module):
         """Minimise a problem of norm `"squared"` from a start inside the box."""
 
     def refine(self, problem: RefineProblem, start: Float[Array, "dof"]) -> Refined:
-        """Minimise `problem` from `start`: the warm start, for example the search's result minus chi_{t-1}."""
-        start = jnp.clip(start, problem.lower, problem.upper)
+        """Minimise `problem` from `start`: the warm start, for example the search's result minus chi_{t-1}.
+
+        The precision is the widest of the start, the prior and the box.
+        """
+        dtype = jnp.result_type(start, problem.prior, problem.lower, problem.upper)
+        start = jnp.clip(start, problem.lower, problem.upper).astype(dtype)
         if problem.norm == "squared":
             return self.solve(problem, start)
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
+from jaxmocap._shapes import check_key
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject, choose_frames
 from jaxmocap.character import Character, Pose, filled_up, rest_pose, skin
@@ -157,9 +158,13 @@ def register(
 ) -> dict[int, Registration]:
     """Register the mesh at the selected frames of a capture (Gamma), chosen if it names none, or at `frames`.
 
+    Returns the poses by frame, positions in the span that all cameras share. `overrides` fixes degrees of freedom,
+    frame -> name -> metres or degrees, as `read_pose_file` returns them. `start` takes the place of the pose that the
+    keypoints tell, at every frame. `key` is for the search that follows where the outlines do not fit.
     Raises `InputError` when the keypoints and the cameras cannot both be right (another unit, mirrored cameras).
     """
     key = jax.random.key(0) if key is None else key
+    check_key(key)
     if frames is None:
         frames = capture.selected_frames or choose_frames(capture, cameras).frames
     if start is None:

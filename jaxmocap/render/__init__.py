@@ -3,6 +3,7 @@ from ._draw import draw as draw, draw_one_by_one as draw_one_by_one, draw_scatte
 from ._expand import (
     Driver as Driver,
     best_driver as best_driver,
+    corner as corner,
     expand as expand,
     expand_one_by_one as expand_one_by_one,
     listed as listed,

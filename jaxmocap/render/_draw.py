@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Int
 
-from ._expand import Driver, best_driver, look_up
+from ._expand import Driver, best_driver, corner, look_up
 from ._keys import WINDOW, KeyLayout
 from ._windows import WindowList, opaque_zero, planned_windows, rounded
 
@@ -74,9 +74,9 @@ def draw_one_by_one(
 
         def one(i: Array, keys: Array) -> Array:
             planes, column, row, face = jax.tree.map(lambda values: look_up(values, i), windows)
-            corner = (row + first_row, column, jnp.zeros((), row.dtype))
-            old = lax.dynamic_slice(keys, corner, (WINDOW, WINDOW, 1))
-            return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(planes, face, layout, zero)), corner)
+            start = corner(row + first_row, column, 0)
+            old = lax.dynamic_slice(keys, start, (WINDOW, WINDOW, 1))
+            return lax.dynamic_update_slice(keys, jnp.maximum(old, _window_keys(planes, face, layout, zero)), start)
 
         return lax.fori_loop(0, jnp.minimum(listed.count - first, at_once), one, keys)
 

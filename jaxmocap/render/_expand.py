@@ -23,6 +23,11 @@ def look_up(values: Array, index: Int[Array, "*n"]) -> Array:
     return values.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
+def corner(*places: int | Array) -> tuple[Array, ...]:
+    """Bring the start of a `dynamic_slice` to one type, which JAX asks for: with `jax_enable_x64` some are wider."""
+    return tuple(jnp.asarray(place, jnp.int32) for place in places)
+
+
 def running_sum(values: Int[Array, "n"], block: int = 64) -> Int[Array, "n"]:
     """Sum cumulatively by triangular products of at most `_BLOCKS` columns.
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmocap._cache import cached_jit
+from jaxmocap._shapes import check_shape
 
 from ._draw import draw
 from ._keys import KeyLayout, crop, empty_buffer
@@ -77,9 +78,18 @@ def face_ids(
 ) -> tuple[Int[Array, "camera height width"], Float[Array, "camera height width"]]:
     """Find which face is seen in each pixel of a rectangle per view.
 
-    `origins` are the row and column of each rectangle's first pixel. Returns face numbers (-1 where empty) and inverse
-    depth (1/metres, 0 where empty). Called from the host: a capacity that overflows is doubled and drawn again.
+    The mesh is posed, in metres in the world; faces are front-facing when counter-clockwise seen from outside, and only
+    those are drawn. `origins` are the row and column of each rectangle's first pixel, 0 and 0 for the whole picture,
+    and `height` and `width` its pixels. Returns face numbers (-1 where empty) and inverse depth (1/metres, 0 where
+    empty). Called from the host: a capacity that overflows is doubled and drawn again. Raises `InputError` for arrays
+    of other shapes.
     """
+    cameras = len(intrinsics)
+    check_shape("vertices", vertices, ("vertex", 3))
+    check_shape("faces", faces, ("face", 3), "three vertex numbers a row")
+    check_shape("intrinsics", intrinsics, (cameras, 3, 3))
+    check_shape("cam_from_world", cam_from_world, (cameras, 4, 4), "of one frame")
+    check_shape("origins", origins, (cameras, 2), "row and column of each rectangle's first pixel")
     given: tuple[Any, Any, Any, Any, Any] = (vertices, faces, intrinsics, cam_from_world, origins.astype(np.int32))
     capacity = 4096
     while capacity < faces.shape[0]:

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 from jaxmocap._types import Knob, knob
 
 from ._coverage import covered_area
-from ._expand import expand
+from ._expand import corner, expand
 from ._keys import WINDOW, KeyLayout, crop
 from ._windows import FARTHEST_PIXEL
 
@@ -146,10 +146,10 @@ def _layers(
     keys = jnp.where(touched, (level.astype(jnp.int32) << layout.id_bits) | face[:, None, None], 0)
 
     def insert(i: Array, buffer: Array) -> Array:
-        corner = (0, row[i] + WINDOW, column[i] + WINDOW)
-        old = lax.dynamic_slice(buffer, corner, (settings.layers, WINDOW, WINDOW))
+        start = corner(0, row[i] + WINDOW, column[i] + WINDOW)
+        old = lax.dynamic_slice(buffer, start, (settings.layers, WINDOW, WINDOW))
         nearer = jnp.concatenate([jnp.full((1, WINDOW, WINDOW), jnp.iinfo(jnp.int32).max), old[:-1]])
-        return lax.dynamic_update_slice(buffer, jnp.maximum(old, jnp.minimum(nearer, keys[i])), corner)
+        return lax.dynamic_update_slice(buffer, jnp.maximum(old, jnp.minimum(nearer, keys[i])), start)
 
     empty = jnp.zeros((settings.layers, height + 2 * WINDOW, width + 2 * WINDOW), jnp.int32)
     return crop(lax.fori_loop(0, count, insert, empty)), needed
@@ -168,6 +168,7 @@ def soft_faces(
     `screen` is what `to_screen` returns. Where more than `layers` faces share a pixel the nearest ones share all of it.
     """
     settings = SoftSettings() if settings is None else settings
+    depth_range = depth_range.astype(jnp.float32)
     layout = KeyLayout.for_faces(faces.shape[1])
     fixed = lax.stop_gradient((screen, depth_range))
     keys, windows = _layers(fixed[0], faces, height, width, fixed[1], layout, lax.stop_gradient(settings))

@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from ._expand import Driver, look_up, running_sum
+from ._expand import Driver, corner, look_up, running_sum
 from ._keys import WINDOW
 from ._windows import Places
 
@@ -44,8 +44,8 @@ def put_back(
     """Copy a band of rows, in eights from `first_row` on, from the buffer `below`."""
 
     def rows(number: Array, keys: Array) -> Array:
-        corner = (first_row + WINDOW * number, 0, 0)
-        return lax.dynamic_update_slice(keys, lax.dynamic_slice(below, corner, (WINDOW, *below.shape[1:])), corner)
+        start = corner(first_row + WINDOW * number, 0, 0)
+        return lax.dynamic_update_slice(keys, lax.dynamic_slice(below, start, (WINDOW, *below.shape[1:])), start)
 
     return lax.fori_loop(band[0], band[1], rows, keys)
 
@@ -63,8 +63,8 @@ def dirty_tiles(
 
     def changes(number: int | Array, count: int) -> Array:
         """Compare so many rows of tiles from one on."""
-        corner, extent = (first_row + WINDOW * (number + 1), WINDOW, 0), (WINDOW * count, WINDOW * across, 1)
-        return lax.dynamic_slice(keys, corner, extent) ^ lax.dynamic_slice(below, corner, extent)
+        start, extent = corner(first_row + WINDOW * (number + 1), WINDOW, 0), (WINDOW * count, WINDOW * across, 1)
+        return lax.dynamic_slice(keys, start, extent) ^ lax.dynamic_slice(below, start, extent)
 
     if band is None:
         return (changes(0, down).reshape(down, WINDOW, across, WINDOW) != 0).any((1, 3))
@@ -72,7 +72,7 @@ def dirty_tiles(
     def row(number: Array, dirty: Array) -> Array:
         changed = changes(number, 1)
         any_row = reduce(jnp.bitwise_or, [changed[row, :, 0] for row in range(WINDOW)])  # vectorised, unlike `any`
-        return lax.dynamic_update_slice(dirty, (any_row.reshape(across, WINDOW) != 0).any(1)[None], (number, 0))
+        return lax.dynamic_update_slice(dirty, (any_row.reshape(across, WINDOW) != 0).any(1)[None], corner(number, 0))
 
     first, end = jnp.maximum(band[0] - 1, 0), jnp.minimum(band[1] - 1, down)
     return lax.fori_loop(first, end, row, jnp.zeros((down, across), bool))
@@ -165,9 +165,9 @@ def sum_over_blocks(
     blocks, (own_row, own_column) = tiles_at(anew, BLOCK), np.indices(sides, np.int32)
 
     def body(number: Array, total: Array) -> Array:
-        corner = look_up(blocks.rows, number), look_up(blocks.columns, number)
-        row, column = jnp.minimum(corner[0], size[0] - sides[0]), jnp.minimum(corner[1], size[1] - sides[1])
-        own = (own_row >= corner[0] - row) & (own_column >= corner[1] - column)
+        first_row, first_column = look_up(blocks.rows, number), look_up(blocks.columns, number)
+        row, column = jnp.minimum(first_row, size[0] - sides[0]), jnp.minimum(first_column, size[1] - sides[1])
+        own = (own_row >= first_row - row) & (own_column >= first_column - column)
         return total + jnp.where(own, cost(row, column, sides), 0.0)
 
     total = lax.fori_loop(0, blocks.count, body, jnp.zeros(sides))

@@ -56,14 +56,15 @@ def to_screen(
 ) -> Float[Array, "3 vertex"]:
     """Project vertices to the screen: column and row from the centre of the rectangle's first pixel, inverse depth.
 
-    An inverse depth <= 0 is behind the camera.
+    An inverse depth <= 0 is behind the camera. What is projected in double precision is rounded to single afterwards,
+    which is what the rasterisers take.
     """
     places = vertices.T
     column, row, depth = (sum(line[k] * places[k] for k in range(3)) + line[3] for line in projection)
     inverse = jnp.where(depth > 1e-3, 1.0 / jnp.maximum(depth, 1e-3), -1.0)
     column = column * jnp.abs(inverse) - (origin[1].astype(jnp.float32) + 0.5)
     row = row * jnp.abs(inverse) - (origin[0].astype(jnp.float32) + 0.5)
-    return jnp.stack([column, row, inverse])
+    return jnp.stack([column, row, inverse]).astype(jnp.float32)
 
 
 def _in_windows(pixels: Int[Array, "*n"]) -> Int[Array, "*n"]:
@@ -164,6 +165,7 @@ def window_list(
     `needed > capacity` says that windows were dropped; the caller draws again with a larger capacity. The default
     driver is the machine's `best_driver`.
     """
+    depth_range = depth_range.astype(jnp.float32)
     points = screen_points(screen)
     places = corner_places(points, faces.corners)
     seen = _set_up(places, *size)

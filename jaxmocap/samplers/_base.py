@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from jaxmocap._results import InputError
 
 Answer = Literal["mean", "best_if_better"]
+"""What `run` returns of a sampler, see `AbstractSampler`."""
 
 
 def particles_for(num_dofs: int) -> int:
@@ -140,6 +141,8 @@ def first_proposal(
     population: Float[Array, "extra dof"] | None,
 ) -> Proposal:
     """Make the set of `AbstractSampler.init`: start and warm-start population as they are, the rest jittered."""
+    if num_particles < 1:
+        raise InputError(f"the sampler has {num_particles} particles; at least 1 is needed.")
     start = jnp.clip(start, lower, upper)
     kept = start[None] if population is None else jnp.concatenate([start[None], population.astype(start.dtype)])
     if kept.shape[0] > num_particles:

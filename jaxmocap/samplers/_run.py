@@ -6,7 +6,10 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from jaxmocap._shapes import check_key, check_shape
 
 from ._base import AbstractSampler, AbstractState, StepInfo, finite_or_inf
 
@@ -114,6 +117,15 @@ class _Scouts(eqx.Module):
         return kept if population is None else jnp.concatenate([population, kept])
 
 
+def _checked(energy_fn: EnergyFunction, num_particles: int) -> EnergyFunction:
+    def energies_of(particles: Float[Array, "particle dof"]) -> Array:
+        energies = energy_fn(particles)
+        check_shape("what the energy returns", energies, (num_particles,), "one number per particle")
+        return energies
+
+    return energies_of
+
+
 @eqx.filter_jit
 def run(
     sampler: AbstractSampler,
@@ -128,12 +140,22 @@ def run(
 ) -> tuple[Float[Array, "dof"], SearchInfo]:
     """Minimise `energy_fn` (particles (N, d) -> energies (N,)) over the box, in one compiled loop.
 
+    The box is from `lower` to `upper`, where infinity is no limit, and the first particles are drawn about `start` with
+    the standard deviations `spread`, in the units of the energy's argument. Returns the answer (d,) and how the search
+    went.
+
     Give an `eqx.Module` or a `jax.tree_util.Partial` as energy, so that new data does not compile again; a plain
     closure compiles once per function object, and energies computed on the host go through `jax.pure_callback`.
     `population` holds extra initial particles, for a warm start; the best of a `pool` are such particles too.
 
     With the answer `"best_if_better"` one set more than `num_iterations` is evaluated: its particle 0 is the estimate.
+    Raises `InputError` for bounds or energies of another shape, and for what is no key.
     """
+    check_key(key)
+    check_shape("start", start, ("dof",))
+    for name, values in (("spread", spread), ("lower", lower), ("upper", upper)):
+        check_shape(name, values, np.shape(start), "one number per dimension of the start")
+    energy_fn = _checked(energy_fn, sampler.num_particles)
     scouts = None if pool is None else _Scouts.make(pool, sampler.num_particles)
     before = 0 if scouts is None else scouts.sets
     steps = sampler.num_iterations + (sampler.answer != "mean")

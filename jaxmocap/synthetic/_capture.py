@@ -111,13 +111,15 @@ def make_capture(
 ) -> SyntheticCapture:
     """Film the actor dancing on a square with handheld cameras 27 degrees apart; equal arguments give equal bytes.
 
-    `size` is (width, height) in pixels, both even. `clothes="uniform"` dresses arms and torso alike, `"plain sleeves"`
-    the arms in one colour beside a patterned shirt. `routine` is how the actor moves (`perform`), and
-    `scenery="skin"` paints ground and walls in the colour of the arms. `sensor_noise` is
-    a fraction of full scale, `keypoint_noise` a standard deviation in pixels at 960 pixels width. `illumination_change`
-    brightens and dims the scene by that fraction over the capture. `sub_frames` > 1 averages that many instants of a
-    half-open shutter (motion blur). `selected_frames` default to the first and the middle one. Instead of dancing,
-    the actor moves as in `motion`, a motion of `make_actor(height)` that lasts as long, such as
+    `motion_scale` multiplies the amplitudes of the actor's motion and `camera_shake` those of the hands, 0 giving
+    tripods that only turn; `view_angle_degrees` is how far neighbouring cameras stand apart. `size` is (width, height)
+    in pixels, both even. `clothes="uniform"` dresses arms and torso alike, `"plain sleeves"` the arms in one colour
+    beside a patterned shirt. `routine` is how the actor moves (`perform`), and `scenery="skin"` paints ground and walls
+    in the colour of the arms. `sensor_noise` is a fraction of full scale, `keypoint_noise` a standard deviation in
+    pixels at 960 pixels width. `illumination_change` brightens and dims the scene by that fraction over the capture.
+    `sub_frames` > 1 averages that many instants of a half-open shutter (motion blur), and every picture is the mean of
+    `supersampling` times as many pixels each way. `selected_frames` default to the first and the middle one. Instead of
+    dancing, the actor moves as in `motion`, a motion of `make_actor(height)` that lasts as long, such as
     `jm.read_motion("clip.bvh", make_actor())`. `focal_per_width` is the focal length in widths of the image, and
     `body_fraction` how much of its height the actor fills. With `bystander` somebody in other clothes walks past behind
     the actor. Raises `InputError` for arguments out of range.

@@ -11,6 +11,7 @@ from jaxtyping import PRNGKeyArray
 from jaxmocap._cache import make_room
 from jaxmocap._results import InputError
 from jaxmocap._runtime import release_memory
+from jaxmocap._shapes import check_key
 from jaxmocap.character import Pose
 from jaxmocap.clip import ClipPlan, solve_clip
 from jaxmocap.motion import Contact, Motion, cameras_at
@@ -100,6 +101,8 @@ def track_frames(
 def _legs(observations: Observations, frames: tuple[int, int] | None) -> tuple[list[range], range]:
     """List the frames to track, leg by leg, and those that are wanted of them."""
     capture = observations.capture
+    if frames is not None and len(np.shape(frames)) != 1:
+        raise InputError(f"frames is {frames!r}; give the first and the one after the last, such as (0, 30).")
     first, stop = frames if frames is not None else (0, capture.num_frames)
     if not 0 <= first < stop <= capture.num_frames:
         raise InputError(
@@ -203,10 +206,15 @@ def track(
 ) -> Motion:
     """Track the person through the capture (sec. 4): `Tracker()` is the paper; `jaxmocap.baselines` has others.
 
-    `start` replaces the registered pose of the frame at which tracking starts. Same key, same bits.
+    `start` replaces the registered pose of the frame at which tracking starts. `frames` (start, stop) are positions in
+    the span that all cameras share. Same key, same bits. Raises `InputError` for what is no tracker, no key, and no
+    range of the capture's frames.
     """
     tracker = Tracker() if tracker is None else tracker
+    if not hasattr(tracker, "verdict"):
+        raise InputError(f"tracker is {tracker!r}; give a Tracker, such as Tracker.preset('normal'), or a baseline.")
     key = jax.random.key(0) if key is None else key
+    check_key(key)
     if start is not None:
         legs, _ = _legs(observations, frames)
         pose = start.pose if isinstance(start, Registration) else start

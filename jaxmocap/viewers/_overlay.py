@@ -10,6 +10,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from jaxmocap._results import InputError
+from jaxmocap._shapes import check_shape
+
 _NEAR = 0.05  # metres before the camera; nearer points are not drawn
 _SHIFT = 4  # fractional bits of OpenCV's drawing coordinates
 _LIGHT = np.array([-0.35, -0.6, -0.72])  # towards the light, in the camera's frame: from above, behind the camera
@@ -61,8 +64,12 @@ def draw_overlay(
 
     `ids` are the face numbers seen per pixel (-1 where none), as `jaxmocap.render.face_ids` gives them; without, they
     are painted here. Mesh colour and frame border tell the `status`: blue "ok", orange "doubtful", red "lost", the last
-    two also in words. Bones go from green (`confidence` 1) to red (0). `label` is written at the top left.
+    two also in words. Bones go from green (`confidence` 1) to red (0). `label` is written at the top left. Raises
+    `InputError` for a picture that is none of 8-bit RGB.
     """
+    check_shape("image", image, ("height", "width", 3), "RGB")
+    if image.dtype != np.uint8:
+        raise InputError(f"image has the type {image.dtype}; uint8 was expected: RGB from 0 to 255.")
     intrinsics, cam_from_world = np.asarray(intrinsics, np.float64), np.asarray(cam_from_world, np.float64)
     drawn = np.ascontiguousarray(image).copy()
     if ids is None:

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxmocap._results import InputError
 from jaxmocap.appearance import TAU, ColourModel, ColourSettings, fit_colour_models, psi
 
 
@@ -76,6 +77,11 @@ def test_psi_is_the_direct_formula(model, settings):
 def test_elements_without_a_model_stay_at_the_barrier(model):
     ids = jnp.array([3, -1])
     np.testing.assert_array_equal(psi(model, ids, model.means[3, :2]), [1.0, 1.0])
+
+
+def test_colours_of_eight_bits_are_refused(model):
+    with pytest.raises(InputError, match=r"type uint8; RGB in .* divide 8 bits by 255"):
+        psi(model, np.zeros(2, int), np.zeros((2, 3), np.uint8))
 
 
 def test_psi_gradients_agree_with_finite_differences(model):

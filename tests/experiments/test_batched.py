@@ -53,3 +53,5 @@ def test_settings_are_leaves_of_the_energy_of_one_length(batch):
         batch.batched({WEIGHT: jnp.zeros(3), "terms.model_view.epsilon": jnp.ones(2)})
     with pytest.raises(InputError, match="there is no 'weigth'"):
         batch.batched({"terms.view_view.weigth": jnp.zeros(3)})
+    with pytest.raises(InputError, match=r"seeds has the shape \(\); \(seed,\) was expected: whole numbers"):
+        batch({WEIGHT: jnp.zeros(3)}, jax.random.key(0))

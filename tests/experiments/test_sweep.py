@@ -1,5 +1,6 @@
 """Sweeps with runs that take no time: what is done, what is not done again, and what becomes of failures."""
 
+import importlib
 import json
 import os
 import signal
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from jaxmocap._results import InputError
+from jaxmocap.baselines import METHODS
 from jaxmocap.experiments import CaptureSpec, Run, Trial, _sweep, read_record, rows_of, sweep, write_frames, write_table
 
 
@@ -83,6 +85,71 @@ def test_a_failure_is_recorded_and_stops_nothing(performed, tmp_path):
     assert len(performed) == 4
     sweep(runs(0, 13, 7, 2), tmp_path, retry_failed=True)
     assert {run.seed for run in performed[4:]} == {13, 7}
+
+
+@pytest.mark.parametrize(
+    ("words", "wrong"),
+    [
+        ("setting 'search.spred': there is no 'spred'", {"settings": {"search.spred": 1.0}}),
+        ("setting 'plate.width': there is no 'width'", {"appearance": {"plate.width": 3}}),
+        ("there is no method 'mine'", {"method": "mine"}),
+        ("quality 'best' is unknown", {"quality": "best"}),
+        ("method 'posecut' has no settings of the tracker", {"method": "posecut", "settings": {"search.spread": 1.0}}),
+    ],
+)
+def test_a_run_that_cannot_work_is_refused_before_the_first_is_done(performed, tmp_path, words, wrong):
+    with pytest.raises(InputError, match=words):
+        sweep([*runs(0), *runs(1, **wrong)], tmp_path / "out")
+    with pytest.raises(InputError, match="nowhere"):
+        sweep([*runs(0), Run(str(tmp_path / "nowhere"))], tmp_path / "out")
+    assert performed == []
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_may_be_named_by_a_text(performed, tmp_path):
+    assert len(sweep(runs(0), str(tmp_path / "out"))) == 1
+    assert (tmp_path / "out" / "runs" / f"{runs(0)[0].key}.json").is_file()
+
+
+def test_a_method_of_one_s_own_is_told_from_an_earlier_form_of_it(performed, tmp_path, monkeypatch):
+    """Its numbers and its code make another run; the same ones do not."""
+    module = tmp_path / "mine.py"
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+    def add(step, comment=""):
+        module.write_text(
+            f"from dataclasses import dataclass\n@dataclass(frozen=True)\nclass Mine:\n    step: float = 0.1{comment}\n"
+        )
+        monkeypatch.delitem(sys.modules, "mine", raising=False)
+        kind = importlib.import_module("mine").Mine
+        monkeypatch.setitem(METHODS, "mine", lambda quality: kind(step))
+        return runs(0, method="mine")[0]
+
+    keys = [add(0.1).key, add(0.2).key, add(0.1, "  # other code").key]
+    assert len(set(keys)) == 3
+    again = add(0.1)
+    assert again.key == keys[0]
+    sweep([again], tmp_path / "out")
+    assert sweep([again, *runs(0)], tmp_path / "out")[0]["own_method"] == again.described()["own_method"]
+    assert len(performed) == 2
+    assert "own_method" not in runs(0)[0].described()
+
+
+def test_other_processes_learn_of_methods_that_were_added(tmp_path, monkeypatch):
+    """A process of a Dask cluster knows jaxmocap's own methods only."""
+    known = {}
+    monkeypatch.setattr(_sweep, "perform", lambda run, captures: known.update(METHODS) or ({"key": run.key}, Nothing()))
+    make = monkeypatch.setitem(METHODS, "mine", lambda quality: quality) or METHODS["mine"]
+    sent = []
+    monkeypatch.setattr(
+        _sweep, "on_workers", lambda call, items, *rest: sent.extend((call, item) for item in items) or ()
+    )
+    sweep(runs(0, method="mine"), tmp_path)
+    monkeypatch.delitem(METHODS, "mine")
+    ((call, run),) = sent
+    call(run)
+    assert known["mine"] is make
 
 
 def test_an_interruption_passes_and_loses_nothing(performed, tmp_path, monkeypatch):

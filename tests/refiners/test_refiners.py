@@ -216,6 +216,13 @@ def test_single_precision_reaches_the_same_result():
         np.testing.assert_allclose(found.value, exact, atol=1e-5)
 
 
+def test_a_start_of_single_precision_goes_on_in_that_of_the_problem(refiner):
+    residual = curved()
+    found = refine(refiner, problem_of(residual), jnp.zeros(6, jnp.float32)).value
+    assert found.dtype == jnp.float64
+    np.testing.assert_array_equal(found, refine(refiner, problem_of(residual), jnp.zeros(6)).value)
+
+
 def test_unknown_names_are_refused():
     with pytest.raises(InputError, match="norm is 'l3'"):
         problem_of(curved(), norm="l3")
