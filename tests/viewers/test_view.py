@@ -147,6 +147,17 @@ def test_only_this_machine_is_let_in_unless_asked_otherwise(viewer):
         assert b"<html" in page.read(2000).lower()
 
 
+def test_the_legend_names_the_colours_that_are_shown(viewer, world):
+    _, motion = world
+    assert viewer._legend.content.endswith("Violet: the second result. Green: the truth.")
+    alone = view(replace(motion, provenance={}), port=18753)
+    try:
+        assert "Blue: found." in alone._legend.content
+        assert not {"Violet:", "Green:"} & set(alone._legend.content.split())
+    finally:
+        alone.stop()
+
+
 def test_every_frame_shows_its_pose_its_images_and_its_status(viewer, world):
     shown, motion = world
     for index in (2, 1, 3, 0):
@@ -276,7 +287,7 @@ def rows_of(path) -> dict[str, int]:
         from rerun.dataframe import load_recording
 
         recording = load_recording(path)
-        for name in {column.entity_path for column in recording.schema().component_columns()}:
+        for name in {one.entity_path for one in recording.schema().component_columns() if not one.is_static}:
             rows[name] = recording.view(index="frame", contents=name).select().read_all().num_rows
         return rows
     for chunk in RrdReader(path).stream():
