@@ -59,6 +59,9 @@ def cameras(
     found = opened.cameras
     if to is not None and out is not None:
         say(f"{write_cameras(found, out, to, opened.video_frames)} written.")
+        cut = [name for name in found.names if " " in name] if to == "colmap" else []
+        if cut:
+            say(f"COLMAP itself ends the images' names at a blank, as in '{cut[0]}'; --to colmap-binary keeps it.")
     record = _record(found)
     show(record, lambda: _table(record, capture), json_wanted=json)
     return 0

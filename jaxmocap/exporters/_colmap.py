@@ -17,13 +17,17 @@ def write_colmap(motion: Motion, path: Path, form: ExportForm) -> None:
     """Write the cameras as a COLMAP text model without points.
 
     Images of all cameras are called `<camera>/<frame>.png` by the frames of the motion, which are those of the first
-    camera's video. A comment says which unit and vertical axis. Raises `InputError` where the motion has no cameras.
+    camera's video, with `_` for blanks. A comment says which unit and vertical axis. Raises `InputError` where the
+    motion has no cameras, and where two would have one name.
     """
     if motion.cameras is None:
         raise InputError(f"{form.name} holds cameras, but the motion comes without any; track it again.")
     poses = np.array(motion.cameras.cam_from_world, np.float64)
     poses[..., :3, 3] *= form.per_metre
-    cameras = replace(motion.cameras, cam_from_world=jnp.asarray(poses))
+    names = tuple("_".join(name.split()) for name in motion.cameras.names)  # COLMAP ends an image's name at a blank
+    if len(set(names)) < len(names):
+        raise InputError(f"{form.name} would have two cameras of one name, with _ for blanks: {', '.join(names)}.")
+    cameras = replace(motion.cameras, names=names, cam_from_world=jnp.asarray(poses))
     recorded = motion.provenance.get("recorded_sizes")
     if recorded:  # pixels of the videos, of which the pictures that were tracked may be smaller copies
         cameras = cameras.resized(tuple((int(width), int(height)) for width, height in recorded))

@@ -142,7 +142,9 @@ class ResultViewer:
         gui.configure_theme(dark_mode=False, show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()  # beside the scene, which it would cover
         self._says = gui.add_text("Frame", "", disabled=True)
-        gui.add_markdown(_LEGEND)
+        also = {"Violet: the second result.": shown.other, "Green: the truth.": shown.truth}
+        known = (words for words, what in also.items() if what is not None)
+        self._legend = gui.add_markdown(" ".join([_LEGEND, *known]))
         self._slider = gui.add_slider("Position", 0, max(len(motion) - 1, 1), 1, 0)
         self._play = gui.add_checkbox("Play", False)
         self._speed = gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0)

@@ -2,6 +2,8 @@
 
 import csv
 import struct
+import subprocess
+import sys
 from dataclasses import replace
 
 import ezc3d
@@ -270,6 +272,22 @@ def test_colmap_is_read_back_as_the_same_cameras(motion, tmp_path):
     np.testing.assert_allclose(again.intrinsics, motion.cameras.intrinsics, rtol=1e-6)
     with pytest.raises(InputError, match="comes without any"):
         export(replace(motion, cameras=None), tmp_path / "none.colmap")
+
+
+def test_colmap_reads_every_picture_of_cameras_with_blanks_in_their_names(motion, tmp_path):
+    folder = export(
+        replace(motion, cameras=replace(motion.cameras, names=("left phone", "right"))), tmp_path / "a.colmap"
+    )
+    script = (
+        "import sys, pycolmap; print(*(x.name for x in pycolmap.Reconstruction(sys.argv[1]).images.values()), sep='|')"
+    )
+    command = [sys.executable, "-c", script, str(folder)]
+    said = subprocess.run(command, check=True, timeout=120, capture_output=True, text=True).stdout
+    expected = {f"{name}/{frame:05d}.png" for name in ("left_phone", "right") for frame in motion.frames}
+    assert set(said.strip().split("|")) == expected
+    same = replace(motion, cameras=replace(motion.cameras, names=("a b", "a_b")))
+    with pytest.raises(InputError, match=r"b\.colmap would have two cameras of one name"):
+        export(same, tmp_path / "b.colmap")
 
 
 def test_colmap_cameras_are_of_the_videos_also_where_smaller_pictures_were_tracked(motion, tmp_path):
