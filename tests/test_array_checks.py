@@ -5,23 +5,20 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from jaxmocap.camera import project
+from jaxmocap.geometry import so3_exp
 from jaxmocap.samplers import particles_for
-
-EYE3, EYE4 = jnp.eye(3), jnp.eye(4)
 
 
 def test_a_wrong_shape_is_refused():
-    with pytest.raises(jaxtyping.TypeCheckError, match="points"):
-        project(EYE3, EYE4, jnp.ones((5, 2)))
+    with pytest.raises(jaxtyping.TypeCheckError, match="vector"):
+        so3_exp(jnp.ones((5, 2)))
 
 
 def test_a_wrong_kind_is_refused():
-    with pytest.raises(jaxtyping.TypeCheckError, match="points"):
-        project(EYE3, EYE4, jnp.ones((5, 3), int))
+    with pytest.raises(jaxtyping.TypeCheckError, match="vector"):
+        so3_exp(jnp.ones((5, 3), int))
 
 
 def test_numpy_passes_where_jax_takes_it_and_other_types_are_left_alone():
-    pixels, _ = project(EYE3, EYE4, np.ones((5, 3), np.float32))
-    assert pixels.shape == (5, 2)
+    assert so3_exp(np.ones((5, 3), np.float32)).shape == (5, 3, 3)
     assert particles_for(np.int64(6)) == 104

@@ -18,7 +18,7 @@ from jaxmocap.rigging import body
 
 
 @pytest.fixture(scope="module")
-def videos(tmp_path_factory) -> list[Path]:
+def clips(tmp_path_factory) -> list[Path]:
     """Two small videos, one upright and one lying; nobody is in them."""
     folder = tmp_path_factory.mktemp("videos")
     return [make_video(folder / "left.mp4"), make_video(folder / "right hand.mp4", size=(48, 64))]

@@ -9,14 +9,14 @@ STAGES = ["capture", "synchronise", "detect", "calibrate", "body", "selected fra
 VIDEO = json.dumps([{"frame_id": 1, "instances": [{"keypoints": [[20, 20]] * 17, "keypoint_scores": [0.9] * 17}]}])
 
 
-def again(videos, out, **options) -> tuple[RunResult, list[str]]:
+def again(clips, out, **options) -> tuple[RunResult, list[str]]:
     """Run; the result, and the stages that were done, which are those that the plan said."""
     planned: list[str] = []
 
     def note(stages) -> None:
         planned.extend(stage.name for stage in stages if stage.state in ("to do", "again"))
 
-    result = run(videos, out, plan=note, **({"height": 1.8} | options))
+    result = run(clips, out, plan=note, **({"height": 1.8} | options))
     assert list(result.seconds) == planned
     return result, planned
 

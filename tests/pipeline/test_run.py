@@ -20,9 +20,9 @@ from jaxmocap.pipeline import _run_footage, run
 from jaxmocap.rigging import body
 
 
-def test_everything_is_done_once_and_then_read(videos, done, tmp_path):
+def test_everything_is_done_once_and_then_read(clips, done, tmp_path):
     out = tmp_path / "dance"
-    result, names = again(videos, out)
+    result, names = again(clips, out)
     assert names == STAGES
     assert list(dict.fromkeys(done)) == STAGES[1:]
     assert (result.capture, result.report) == (out / "capture", out / "result" / "report.html")
@@ -41,13 +41,13 @@ def test_everything_is_done_once_and_then_read(videos, done, tmp_path):
     opened = Capture.open(out / "capture")
     assert opened.sizes == ((64, 48), (48, 64))
     done.clear()
-    result, names = again(videos, out)
+    result, names = again(clips, out)
     assert (names, done) == ([], [])
     assert len(result.motion) == 2
 
 
 def test_a_body_that_was_made_of_other_keypoints_does_not_tell_the_scale_of_new_cameras(
-    videos, done, tmp_path, monkeypatch
+    clips, done, tmp_path, monkeypatch
 ):
     """Nor do the cameras of before say which new keypoints are right; what was set by hand does."""
     out, seen = tmp_path / "dance", []
@@ -67,58 +67,58 @@ def test_a_body_that_was_made_of_other_keypoints_does_not_tell_the_scale_of_new_
     noting(_run_footage, "calibrate_folder")
     first = [("detect", False, False), ("calibrate", False, False)]
     after = ("detect", False, True)  # views are held against each other with the cameras just found
-    again(videos, out)
+    again(clips, out)
     assert seen == [*first, after]
     seen.clear()
-    assert again(videos, out, person={"left": (3.0, 4.0)})[1] == STAGES[2:]
+    assert again(clips, out, person={"left": (3.0, 4.0)})[1] == STAGES[2:]
     assert seen == [*first, after]
     seen.clear()
     shutil.copy(out / "capture" / "actor.glb", out / "capture" / "mine.glb")
     toml.write_text(toml.read_text().replace("actor-2.glb", "mine.glb"))
-    again(videos, out, person={"left": (5.0, 4.0)})
+    again(clips, out, person={"left": (5.0, 4.0)})
     assert [actor for _, actor, _ in seen] == [True, True, True]
 
 
-def test_an_actor_comes_first_for_its_bones_tell_the_scale(videos, done, tmp_path):
+def test_an_actor_comes_first_for_its_bones_tell_the_scale(clips, done, tmp_path):
     actor = tmp_path / "me.glb"
     body(1.7).save_glb(actor)
-    _, names = again(videos, tmp_path / "dance", actor=actor, height=None)
+    _, names = again(clips, tmp_path / "dance", actor=actor, height=None)
     assert names == ["capture", "synchronise", "body", "detect", "calibrate", "selected frames", "track"]
     assert "body" not in done
     assert (tmp_path / "dance" / "capture" / "actor.glb").read_bytes() == actor.read_bytes()
 
 
 @pytest.mark.slow
-def test_an_actor_becomes_as_tall_as_the_height_that_is_given(videos, done, tmp_path):
+def test_an_actor_becomes_as_tall_as_the_height_that_is_given(clips, done, tmp_path):
     """As tall as the world of the cameras, whose scale the height tells too."""
     out, actor, bare = tmp_path / "dance", tmp_path / "me.glb", tmp_path / "me.obj"
     body(1.7).save_glb(actor)
     said: list[str] = []
-    again(videos, out, actor=actor, height=1.8, say=said.append)
+    again(clips, out, actor=actor, height=1.8, say=said.append)
     assert float(stature(Character.load(out / "capture" / "actor.glb"))) == pytest.approx(1.8, abs=1e-3)
     assert any("me.glb is 1.70 m tall, and was scaled to the 1.80 m" in sentence for sentence in said)
-    run(videos, out, actor=actor, height=1.705)
+    run(clips, out, actor=actor, height=1.705)
     assert (out / "capture" / "actor-2.glb").read_bytes() == actor.read_bytes()
     character = body(1.8)
     trimesh.Trimesh(3.0 * np.asarray(character.vertices), np.asarray(character.faces)).export(bare)  # no metres
-    run(videos, out, actor=bare, height=1.8)
+    run(clips, out, actor=bare, height=1.8)
     assert float(stature(Character.load(out / "capture" / "actor-3.glb"))) == pytest.approx(1.8, abs=0.01)
 
 
-def test_a_walk_around_the_person_becomes_the_actor_and_is_made_again_when_it_changes(videos, done, tmp_path):
+def test_a_walk_around_the_person_becomes_the_actor_and_is_made_again_when_it_changes(clips, done, tmp_path):
     walk = make_video(tmp_path / "walk.mp4")
-    _, names = again(videos, tmp_path / "dance", scan=walk)
+    _, names = again(clips, tmp_path / "dance", scan=walk)
     assert names == ["capture", "synchronise", "body", "detect", "calibrate", "selected frames", "track"]
     assert "scan" in done
     assert "body" not in done
-    assert again(videos, tmp_path / "dance", scan=walk)[1] == []
+    assert again(clips, tmp_path / "dance", scan=walk)[1] == []
     make_video(walk, size=(48, 64))
-    assert list(run(videos, tmp_path / "dance", height=1.8, scan=walk).seconds)[:2] == ["body", "calibrate"]
+    assert list(run(clips, tmp_path / "dance", height=1.8, scan=walk).seconds)[:2] == ["body", "calibrate"]
 
 
-def test_a_camera_is_called_as_in_the_capture_or_like_its_video_now(videos, done, tmp_path):
-    out, moved = tmp_path / "dance", [videos[0], Path(shutil.copy(videos[1], tmp_path / "b.mp4"))]
-    again(videos, out)
+def test_a_camera_is_called_as_in_the_capture_or_like_its_video_now(clips, done, tmp_path):
+    out, moved = tmp_path / "dance", [clips[0], Path(shutil.copy(clips[1], tmp_path / "b.mp4"))]
+    again(clips, out)
     again(moved, out, person={"b": (3.0, 4.0)})
     assert json.loads((out / "capture" / "keypoints" / "left.json").read_text()) == [["right_hand", [3.0, 4.0]]]
     assert again(moved, out, person={"right_hand": (3.0, 4.0)})[1] == []
@@ -126,13 +126,13 @@ def test_a_camera_is_called_as_in_the_capture_or_like_its_video_now(videos, done
         again(moved, out, focal={"me": 900.0})
 
 
-def test_portrait_beside_landscape_keeps_its_shape(videos, done, tmp_path):
-    again(videos, tmp_path / "dance")
+def test_portrait_beside_landscape_keeps_its_shape(clips, done, tmp_path):
+    again(clips, tmp_path / "dance")
     assert Capture.open(tmp_path / "dance" / "capture").recorded_sizes == ((64, 48), (48, 64))
 
 
 @pytest.mark.parametrize(("said", "expected"), [({}, "None"), ({"static": True}, "True")])
-def test_the_videos_tell_whether_cameras_stand_still_unless_it_is_said(videos, tmp_path, done, said, expected):
+def test_the_videos_tell_whether_cameras_stand_still_unless_it_is_said(clips, tmp_path, done, said, expected):
     out = tmp_path / "dance"
-    run(videos, out, height=1.8, **said)
+    run(clips, out, height=1.8, **said)
     assert (out / "capture" / "cameras" / "static").read_text() == expected

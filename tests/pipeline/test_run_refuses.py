@@ -40,44 +40,47 @@ from jaxmocap.pipeline import _run_files, run
         ({"scan": "walk.mp4", "height": None, "camera_distance": 2.0}, "--scan does not tell how large the person is"),
     ],
 )
-def test_what_cannot_work_is_refused_before_anything_is_done(options, words, videos, done, tmp_path):
+def test_what_cannot_work_is_refused_before_anything_is_done(options, words, clips, done, tmp_path):
     with pytest.raises(InputError, match=words):
-        run(videos, tmp_path / "dance", **({"height": 1.8} | options))
+        run(clips, tmp_path / "dance", **({"height": 1.8} | options))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_videos_that_cannot_be_used_are_refused(videos, done, tmp_path):
+def test_videos_that_cannot_be_used_are_refused(clips, done, tmp_path):
     broken = tmp_path / "broken.mp4"
-    broken.write_bytes(videos[0].read_bytes()[:300])
+    broken.write_bytes(clips[0].read_bytes()[:300])
     for given, words in (
         ([], "no video is given"),
-        ([videos[0], broken], "broken.mp4"),
-        ([videos[0], tmp_path / "gone.mp4"], "gone.mp4"),
-        ([videos[0], videos[0]], "given twice"),
-        ([videos[0], shutil.copy(videos[0], tmp_path / "copy.mp4")], r"left\.mp4 and .*copy\.mp4 are the same film"),
-        (videos[0].with_name("lone.mp4"), r"lone\.mp4 does not exist"),
-        (str(videos[0].with_name("lone.mp4")), r"lone\.mp4 does not exist"),
+        ([clips[0], broken], "broken.mp4"),
+        ([clips[0], tmp_path / "gone.mp4"], "gone.mp4"),
+        ([clips[0], clips[0]], "given twice"),
+        (
+            [clips[0], shutil.copy(clips[0], tmp_path / "copy.mp4")],
+            r"left\.mp4 and .*copy\.mp4 are the same film",
+        ),
+        (clips[0].with_name("lone.mp4"), r"lone\.mp4 does not exist"),
+        (str(clips[0].with_name("lone.mp4")), r"lone\.mp4 does not exist"),
         ([tmp_path], "is a folder; the file of a video was expected"),
-        ([videos[0], make_video(tmp_path / "photo.mp4", 1)], r"photo\.mp4 holds one picture"),
+        ([clips[0], make_video(tmp_path / "photo.mp4", 1)], r"photo\.mp4 holds one picture"),
     ):
         with pytest.raises(InputError, match=words):
             run(given, tmp_path / "dance", height=1.8)
     assert not (tmp_path / "dance").exists()
 
 
-def test_frames_the_wrong_way_round_are_refused(videos, tmp_path, done):
+def test_frames_the_wrong_way_round_are_refused(clips, tmp_path, done):
     with pytest.raises(InputError, match=r"frames 8:3 were asked for, but left.mp4 has 12 frames, 0 to 11"):
-        run(videos, tmp_path / "dance", height=1.8, frames=(8, 3))
+        run(clips, tmp_path / "dance", height=1.8, frames=(8, 3))
     assert not (tmp_path / "dance").exists()
 
 
-def test_frames_that_are_not_shared_are_refused_before_anybody_is_looked_for(videos, done, tmp_path):
+def test_frames_that_are_not_shared_are_refused_before_anybody_is_looked_for(clips, done, tmp_path):
     told = {"offset": {"right_hand": 0.2}, "frames": (0, 12)}
     for _ in range(2):
         with pytest.raises(
             InputError, match=r"frames 0:12 were asked for, but the videos share \d frames, .* --frames"
         ):
-            run(videos, tmp_path / "dance", height=1.8, **told)
+            run(clips, tmp_path / "dance", height=1.8, **told)
     assert done == []
 
 
@@ -90,16 +93,14 @@ def test_frames_that_are_not_shared_are_refused_before_anybody_is_looked_for(vid
         ("scan", "walk.mp4", r"walk\.mp4"),
     ],
 )
-def test_an_actor_or_a_scan_that_is_none_is_refused_before_anything_is_done(
-    option, name, words, videos, done, tmp_path
-):
+def test_an_actor_or_a_scan_that_is_none_is_refused_before_anything_is_done(option, name, words, clips, done, tmp_path):
     (tmp_path / name).write_text("mine")
     with pytest.raises(InputError, match=words):
-        run(videos, tmp_path / "dance", **{"height": 1.8, option: tmp_path / name})
+        run(clips, tmp_path / "dance", **{"height": 1.8, option: tmp_path / name})
     assert (done, (tmp_path / "dance").exists()) == ([], False)
     (tmp_path / "pictures").mkdir()
     with pytest.raises(InputError, match="pictures holds no pictures"):
-        run(videos, tmp_path / "dance", height=1.8, scan=tmp_path / "pictures")
+        run(clips, tmp_path / "dance", height=1.8, scan=tmp_path / "pictures")
 
 
 @pytest.fixture
@@ -122,62 +123,62 @@ def real_weights(monkeypatch):
     ],
 )
 def test_weights_that_are_none_are_refused_before_anything_is_done(
-    make, words, videos, done, real_weights, tmp_path, capsys
+    make, words, clips, done, real_weights, tmp_path, capsys
 ):
     make(tmp_path / "weights")
     out, weights = tmp_path / "dance", tmp_path / "weights"
     with pytest.raises(InputError, match=words):
-        run(videos, out, height=1.8, weights=weights)
-    assert command(["run", *map(str, videos), "--height", "1.8", "--out", str(out), "--weights", str(weights)]) == 2
+        run(clips, out, height=1.8, weights=weights)
+    assert command(["run", *map(str, clips), "--height", "1.8", "--out", str(out), "--weights", str(weights)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert (done, out.exists()) == ([], False)
 
 
-def test_a_bundle_of_other_networks_is_refused_before_anything_is_done(videos, done, monkeypatch, tmp_path):
+def test_a_bundle_of_other_networks_is_refused_before_anything_is_done(clips, done, monkeypatch, tmp_path):
     pytest.importorskip("ai_edge_litert", reason="the extra 'detect' is not installed")
     given = Weights("heavy", {"person": b"no network", "landmarks": b"no network"})
     monkeypatch.setattr(_run_files, "get_weights", lambda *_: given)
     with pytest.raises(InputError, match="the person detector of BlazePose GHUM heavy is no network of TensorFlow Li"):
-        run(videos, tmp_path / "dance", height=1.8, weights=tmp_path)
+        run(clips, tmp_path / "dance", height=1.8, weights=tmp_path)
     assert done == []
 
 
 def test_without_weights_and_network_nothing_is_begun_and_without_need_of_them_all_is(
-    videos, done, real_weights, monkeypatch, tmp_path
+    clips, done, real_weights, monkeypatch, tmp_path
 ):
     monkeypatch.setattr(_weights, "cache_folder", lambda name: tmp_path / "cache" / name)
     out, given = tmp_path / "dance", make_folder(tmp_path / "given")
     with pytest.raises(InputError, match=r"the weights of BlazePose GHUM heavy .* could not be downloaded"):
-        run(videos, out, height=1.8)
+        run(clips, out, height=1.8)
     assert (done, out.exists()) == ([], False)
     for name in ("left", "right_hand"):
         (given / f"{name}.json").write_text(VIDEO)
-    assert again(videos, out, keypoints=given)[1] == STAGES
-    assert again(videos, out, keypoints=given)[1] == []
+    assert again(clips, out, keypoints=given)[1] == STAGES
+    assert again(clips, out, keypoints=given)[1] == []
     with pytest.raises(InputError, match="could not be downloaded"):
-        run(videos, tmp_path / "other", height=1.8, keypoints=given, scan=make_video(tmp_path / "walk.mp4"))
+        run(clips, tmp_path / "other", height=1.8, keypoints=given, scan=make_video(tmp_path / "walk.mp4"))
     (tmp_path / "views").mkdir()
     (tmp_path / "views" / "views.json").write_text("{}")  # with masks, so that nobody is looked for
-    assert again(videos, tmp_path / "third", keypoints=given, scan=tmp_path / "views")[1][-1] == STAGES[-1]
+    assert again(clips, tmp_path / "third", keypoints=given, scan=tmp_path / "views")[1][-1] == STAGES[-1]
 
 
-def test_folders_of_others_and_of_other_videos_are_left_alone(videos, done, tmp_path):
+def test_folders_of_others_and_of_other_videos_are_left_alone(clips, done, tmp_path):
     file = tmp_path / "file"
     file.write_text("mine")
     foreign = tmp_path / "foreign"
     foreign.mkdir()
     (foreign / "thesis.txt").write_text("mine")
     with pytest.raises(InputError, match="is a file; a folder"):
-        run(videos, file, height=1.8)
+        run(clips, file, height=1.8)
     with pytest.raises(InputError, match="holds files that no run wrote"):
-        run(videos, foreign, height=1.8)
+        run(clips, foreign, height=1.8)
     assert [path.name for path in foreign.iterdir()] == ["thesis.txt"]
     out = tmp_path / "dance"
     out.mkdir()
     (out / ".DS_Store").write_text("a file manager's")
-    again(videos, out)
+    again(clips, out)
     with pytest.raises(InputError, match="holds a run of other videos"):
-        run(videos[:1], out, height=1.8)
+        run(clips[:1], out, height=1.8)
     with pytest.raises(InputError, match=r"the same videos in another order; .* left, right_hand"):
-        run(videos[::-1], out, height=1.8)
+        run(clips[::-1], out, height=1.8)
     assert (out / "result" / "motion.npz").is_file()
