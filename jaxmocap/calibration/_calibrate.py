@@ -13,7 +13,6 @@ from jaxtyping import UInt8
 
 from jaxmocap._files import atomic_folder, write_bytes, write_json
 from jaxmocap._results import InputError
-from jaxmocap._runtime import cores
 from jaxmocap.camera import Cameras, look_at_point, read_cameras
 from jaxmocap.capture import Capture, shared_frames
 
@@ -112,7 +111,7 @@ def calibrate(
             f"{recorded.num_frames - 1}"
         )
     file = None if intrinsics is None else Path(intrinsics)
-    footage = footage_of(recorded, focal, (first, end), key_step, cores(), seed)
+    footage = footage_of(recorded, focal, (first, end), key_step, seed)
     lengths, source = known_bone_lengths(recorded, height)
     route = choose_route(recorded, footage, static, file, progress)
     keypoints = keypoints_of(recorded)

@@ -92,7 +92,6 @@ class Footage:
         videos: one per camera.
         key_step: frames from one key frame to the next; 5 by default.
         num_features: looked for in a frame, at most; 4000 by default.
-        threads: of the mapper and the bundle adjustment; 2 by default.
         seed: of all random numbers; 0 by default.
         first_wanted: the first shared frame at which cameras have to be placed; 0 by default.
     """
@@ -100,7 +99,6 @@ class Footage:
     videos: tuple[VideoFootage, ...]
     key_step: int = 5
     num_features: int = 4000
-    threads: int = 2
     seed: int = 0
     first_wanted: int = 0
 
@@ -160,7 +158,6 @@ def footage_of(
     focal: Mapping[str, float] | None,
     wanted: tuple[int, int],
     key_step: int,
-    threads: int,
     seed: int,
 ) -> Footage:
     """Gather what the child process needs of a capture as it was recorded.
@@ -209,7 +206,7 @@ def footage_of(
                 wanted=tuple(own[slice(*wanted)].tolist()),
             )
         )
-    return Footage(tuple(videos), key_step=key_step, threads=threads, seed=seed, first_wanted=wanted[0])
+    return Footage(tuple(videos), key_step=key_step, seed=seed, first_wanted=wanted[0])
 
 
 def _boxes(capture: Capture, camera: str, frames: range) -> dict[int, Box]:

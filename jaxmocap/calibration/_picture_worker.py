@@ -11,7 +11,7 @@ import pycolmap
 from jaxmocap._results import InputError
 
 from ._footage import Report
-from ._mapping import FOCAL_RANGE, adjust
+from ._mapping import FOCAL_RANGE, THREADS, adjust
 
 NEIGHBOURS = 8
 """Pictures to either side, round the lap, that a picture of an ordered lap is matched with."""
@@ -46,7 +46,7 @@ def map_pictures(folder: Path, report: Report) -> None:
             "--cameras."
         )
     report("bundle adjustment", 0, 1)
-    adjust(model, job["threads"], refine_focal=job["focal"] is None)
+    adjust(model, refine_focal=job["focal"] is None)
     report("bundle adjustment", 1, 1)
     (folder / "model").mkdir()
     model.write_text(folder / "model")
@@ -94,7 +94,7 @@ def _pairs(count: int, in_order: bool) -> Iterator[tuple[int, int]]:
 
 def _map(job: dict, database: Path, folder: Path, report: Report) -> pycolmap.Reconstruction | None:
     options = pycolmap.IncrementalPipelineOptions()
-    options.random_seed, options.num_threads = job["seed"], job["threads"]
+    options.random_seed, options.num_threads = job["seed"], THREADS
     options.extract_colors = options.multiple_models = False
     options.min_focal_length_ratio, options.max_focal_length_ratio = FOCAL_RANGE
     options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = job["focal"] is None

@@ -99,14 +99,14 @@ def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
     plan = clip_plan(tracker)
     motion = motion_of(observations, results, {"method": run.method}, tracker.verdict, plan)
     done, spent = time.perf_counter(), time.process_time() - used
-    record = _record(run, prepared.hash, motion, results, done - begin, done - ready, spent)
+    record = _record(run, prepared.hash, motion, results, done - begin, done - ready, spent) | _errors({})
     if capture.truth is not None:
         other = motion_of(observations, results, None, tracker.verdict, ClipPlan() if plan is None else None)
-        by_frame, solved = (motion, other) if plan is None else (other, motion)
-        record |= _errors(evaluate(motion, capture.truth))
-        for name, one in (("by_frame", by_frame), ("solved", solved)):
-            errors = _errors(evaluate(one, capture.truth))
-            record |= {column.replace("_cm", f"_{name}_cm"): errors[column] for column in MEANS}
+        own, others = (_errors(evaluate(one, capture.truth)) for one in (motion, other))
+        by_frame, solved = (own, others) if plan is None else (others, own)
+        for name, found in (("by_frame", by_frame), ("solved", solved)):
+            own |= {column.replace("_cm", f"_{name}_cm"): found[column] for column in MEANS}
+        record |= own
     return record, motion
 
 

@@ -119,13 +119,13 @@ def test_a_black_video_and_one_of_another_place_are_refused(square, tmp_path):
     other = write_video(tmp_path / "other.mp4", COUNT, lambda number: np.roll(noise, number, axis=1))
     for name, video, words in (("a", black, "'cam1'.* 0 points"), ("b", other, "'cam1' shares no background")):
         (tmp_path / name).mkdir()
-        footage = replace(footage_of(two(tmp_path / name, square, video), None, (0, COUNT), 5, 1, 0), num_features=600)
+        footage = replace(footage_of(two(tmp_path / name, square, video), None, (0, COUNT), 5, 0), num_features=600)
         with pytest.raises(InputError, match=words):
             match_key_frames(footage, tmp_path / name / "database.db", silent)
 
 
 def test_nothing_but_the_person_is_refused(square, tmp_path):
-    footage = footage_of(Capture.open(square, with_cameras=False), None, (0, COUNT), 5, 1, 0)
+    footage = footage_of(Capture.open(square, with_cameras=False), None, (0, COUNT), 5, 0)
     everywhere = {frame: (0.0, 0.0, *map(float, SIZE)) for frame in range(COUNT)}
     footage = replace(footage, videos=(footage.videos[0], replace(footage.videos[1], boxes=everywhere)))
     with pytest.raises(InputError, match=r"'cam1'.* outside the person"):

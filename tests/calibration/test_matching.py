@@ -9,6 +9,7 @@ import pytest
 from small_captures import make_video
 
 from jaxmocap.calibration._footage import Footage, footage_of
+from jaxmocap.calibration._mapping import _map, adjust
 from jaxmocap.calibration._matching import frame_pairs, key_pairs
 from jaxmocap.calibration._worker import _enlarge
 from jaxmocap.capture import Capture
@@ -30,7 +31,7 @@ def footage(tmp_path_factory) -> Footage:
     )
     (folder / "capture.toml").write_text(cameras)
     capture = Capture.open(folder)
-    return footage_of(capture, None, (0, capture.num_frames), key_step=5, threads=1, seed=0)
+    return footage_of(capture, None, (0, capture.num_frames), key_step=5, seed=0)
 
 
 def moment(place: tuple[int, int]) -> float:
@@ -79,3 +80,24 @@ def test_what_was_found_in_small_pictures_is_told_in_pixels_of_the_video(footage
     _enlarge(reconstruction, recorded)
     np.testing.assert_allclose(reconstruction.cameras[1].params, [120, 64, 48, 0.1])
     np.testing.assert_allclose(reconstruction.images[1].points2D[0].xy, [20, 40])
+
+
+def test_one_thread_maps_and_adjusts_so_that_the_same_seed_gives_the_same_bits(footage, tmp_path, monkeypatch):
+    threads = []
+
+    def mapping(*_, options, **__):
+        threads.append(options.num_threads)
+        return {}
+
+    def adjustment(_, options):
+        threads.append(options.ceres.solver_options.num_threads)
+
+    monkeypatch.setattr(pycolmap, "incremental_mapping", mapping)
+    monkeypatch.setattr(pycolmap, "bundle_adjustment", adjustment)
+    assert _map(footage, tmp_path / "database.db", tmp_path / "out", None, 1, lambda *_: None) is None
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(
+        pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.SIMPLE_RADIAL, 900, 960, 540)
+    )
+    adjust(model, rounds=1)
+    assert threads == [1, 1]
