@@ -124,11 +124,11 @@ class Capture:
     @property
     def sizes(self) -> tuple[tuple[int, int], ...]:
         """(width, height) of each camera's pictures, in pixels."""
-        sizes, turned = self._upright_sizes, self.turned or (False,) * self.num_cameras
+        sizes, turned = self._filmed_sizes, self.turned or (False,) * self.num_cameras
         return tuple((h, w) if turn else (w, h) for (w, h), turn in zip(sizes, turned, strict=True))
 
     @property
-    def _upright_sizes(self) -> tuple[tuple[int, int], ...]:
+    def _filmed_sizes(self) -> tuple[tuple[int, int], ...]:
         """As `sizes`, before any are turned."""
         return tuple(reduced_size(size, self.longest_side) for size in self.recorded_sizes)
 
@@ -157,11 +157,11 @@ class Capture:
             )
         sizes, path = self.recorded_sizes, self.cameras_path
         cameras = read_cameras(path, self.camera_names, self.num_frames, sizes, self.video_frames, self.metres_per_unit)
-        return cameras.resized(self._upright_sizes)
+        return cameras.resized(self._filmed_sizes)
 
     @cached_property
     def _reductions(self) -> tuple[Reduction | None, ...]:
-        sizes = zip(self.recorded_sizes, self._upright_sizes, strict=True)
+        sizes = zip(self.recorded_sizes, self._filmed_sizes, strict=True)
         return tuple(Reduction(recorded, size) if recorded != size else None for recorded, size in sizes)
 
     @cached_property
@@ -171,7 +171,7 @@ class Capture:
         intrinsics, distortion = np.asarray(self._calibrated.intrinsics), np.asarray(self._calibrated.distortion)
         return tuple(
             Undistortion(k, d, size) if d.any() else None
-            for k, d, size in zip(intrinsics, distortion, self._upright_sizes, strict=True)
+            for k, d, size in zip(intrinsics, distortion, self._filmed_sizes, strict=True)
         )
 
     def _own_frame(self, camera_index: int, frame: int) -> int:
@@ -209,7 +209,7 @@ class Capture:
     def _steps(self, camera_index: int) -> list[Reduction | Undistortion | Turn]:
         """From the recorded video to the pictures: smaller, then undistorted, then turned."""
         steps = (self._reductions[camera_index], self._undistortions[camera_index])
-        turn = [Turn(self._upright_sizes[camera_index][0])] if self.turned and self.turned[camera_index] else []
+        turn = [Turn(self._filmed_sizes[camera_index][0])] if self.turned and self.turned[camera_index] else []
         return [*(step for step in steps if step is not None), *turn]
 
     @cached_property
@@ -302,7 +302,7 @@ class Capture:
         Tracking looks at a rectangle that has one size in all views, for which narrow pictures beside low ones leave
         little. It is the capture itself where all cameras were held the same way.
         """
-        turned = turns(self._upright_sizes)
+        turned = turns(self._filmed_sizes)
         if self.turned or not any(turned):
             return self
         masks = {
