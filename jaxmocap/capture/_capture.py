@@ -321,6 +321,14 @@ class Capture:
         """Turn a picture of this capture back the way its camera was held."""
         return np.rot90(picture, -1) if self.turned and self.turned[camera_index] else picture
 
+    def cameras_as_filmed(self, cameras: Cameras) -> Cameras:
+        """Turn cameras of this capture's pictures back the way they were held, with the videos' distortion."""
+        if not self.turned:
+            return cameras
+        for _ in range(3):
+            cameras = cameras.turned(self.turned)
+        return replace(cameras, distortion=self._calibrated.distortion)
+
     def _with(self, **changes: Any) -> "Capture":
         """Make a changed copy that shares the cameras read and the videos opened."""
         copy = replace(self, **changes)

@@ -156,7 +156,7 @@ def _errors(scores: dict[str, Any]) -> dict[str, Any]:
 
 @lru_cache(maxsize=3)
 def _prepare(folder: Path, inputs: Inputs, seed: int) -> Prepared:
-    capture, key = Capture.open(folder), jax.random.key(seed)
+    capture, key = Capture.open(folder).one_way_up(), jax.random.key(seed)
     beyond = [frame for frame in inputs.selected if frame >= capture.num_frames]
     if beyond:
         raise InputError(f"frame {beyond[0]} is selected, but '{capture.name}' has {capture.num_frames} frames.")

@@ -25,7 +25,7 @@ from jaxmocap._runtime import versions
 from jaxmocap._types import Quality
 from jaxmocap.capture import Capture, Detections, check_common_size, content_hash, path_hash, triangulated_people
 from jaxmocap.character import Character
-from jaxmocap.motion import Motion, cameras_at
+from jaxmocap.motion import Motion
 from jaxmocap.observation import observe
 from jaxmocap.refinement import DetectionPlan
 from jaxmocap.registration import Registration, masks_of, read_pose_file
@@ -221,7 +221,6 @@ def track_capture(
             "registration": registration_record(made.registrations, character, mask_record(capture, made.masks)),
         }
         motion = motion_of(observations, results, provenance, tracker.verdict, tracker.clip)
-        motion = replace(motion, cameras=cameras_at(filmed.cameras, [result.frame for result in results]))
         motion.save(staging)
         write_json(staging / "registration.json", provenance["registration"])
         write_json(

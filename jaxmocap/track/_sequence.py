@@ -185,7 +185,7 @@ def motion_of(
             **clip_record,
             **(provenance or {}),
         },
-        cameras=cameras_at(observations.cameras, positions),
+        cameras=cameras_at(capture.cameras_as_filmed(observations.cameras), positions),
         up=capture.up,
     )
 

@@ -65,6 +65,12 @@ def test_cameras_keypoints_pictures_and_masks_are_turned_together(mixed: Path):
         np.testing.assert_allclose(found[:, :2], pixels[camera], atol=2e-3)
     assert float(depths.min()) > 3
     np.testing.assert_allclose(capture.cameras.centres(), filmed.cameras.centres(), atol=1e-5)
+    back = capture.cameras_as_filmed(capture.cameras)
+    assert back.sizes == filmed.sizes
+    np.testing.assert_array_equal(back.cam_from_world, filmed.cameras.cam_from_world)
+    np.testing.assert_array_equal(back.distortion, filmed.cameras.distortion)
+    np.testing.assert_allclose(back.intrinsics, filmed.cameras.intrinsics, atol=1e-4)
+    assert filmed.cameras_as_filmed(filmed.cameras) is filmed.cameras
 
     np.testing.assert_array_equal(capture.image(1, 6), np.rot90(seen))
     for frame, images in capture.frames(5, 7):
