@@ -122,6 +122,19 @@ def test_usage_errors_exit_with_2_and_say_what_was_expected(arguments, words, ca
     assert words in " ".join(err.replace("│", " ").split())
 
 
+@pytest.mark.parametrize(
+    ("option", "arguments"),
+    [
+        ("--methods", ["bench", "paper", "--out", "x", "--methods", "ours", "--methods", "flow"]),
+        ("--offset", ["run", "a.mp4", "b.mp4", "--offset", "a=1", "--offset=b=2"]),
+    ],
+)
+def test_an_option_given_twice_is_refused_and_not_half_forgotten(option, arguments, capsys):
+    assert run(arguments) == 2
+    (sentence,) = capsys.readouterr().err.splitlines()
+    assert sentence.startswith(f"jaxmocap: {option} is given more than once")
+
+
 def test_prepare_keeps_what_the_user_has_set(monkeypatch):
     code = (
         "import jaxmocap; jaxmocap.configure(); import jax;"

@@ -80,6 +80,7 @@ def run(arguments: Sequence[str]) -> int:
         show_help(_GROUPS, _DESCRIPTION)
         return 0
     try:
+        _once_each(arguments)
         return tyro.extras.subcommand_cli_from_dict(
             _COMMANDS,
             prog="jaxmocap",
@@ -101,3 +102,11 @@ def run(arguments: Sequence[str]) -> int:
         goes_on = "; the same command goes on where it stopped" if list(arguments[:1]) == ["run"] else ""
         print(f"jaxmocap: interrupted; no result was written{goes_on}.", file=sys.stderr)
         return INTERRUPTED
+
+
+def _once_each(arguments: Sequence[str]) -> None:
+    """Refuse an option that is given twice, of which the parser would take the last and pass over the first."""
+    options = [part.split("=")[0].replace("_", "-") for part in arguments if part.startswith("--") and part != "--"]
+    twice = next((option for option in options if options.count(option) > 1), None)
+    if twice is not None:
+        raise InputError(f"{twice} is given more than once; give it once, with all that it takes after it: {twice} A B.")
