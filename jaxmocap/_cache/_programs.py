@@ -6,6 +6,7 @@ import functools
 import json
 import os
 import sys
+import threading
 import weakref
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -142,6 +143,7 @@ class _CachedJit:
         self.options = options
         self.on_cpu = on_cpu
         self.programs: dict[Any, Program | None] = {}
+        self.lock = threading.Lock()
 
     @functools.cached_property
     def traced(self) -> Callable[..., Any]:
@@ -169,9 +171,10 @@ class _CachedJit:
             return self.traced(*args)
         shapes = tuple(shape_of(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves)
         known = (folder, tree, shapes, *(configuration().items()))
-        if known not in self.programs:
-            self.programs[known] = self._program(Path(folder), tree, leaves, arrays)
-        found = self.programs[known]
+        with self.lock:  # what several threads ask for is traced once
+            if known not in self.programs:
+                self.programs[known] = self._program(Path(folder), tree, leaves, arrays)
+            found = self.programs[known]
         if found is None:
             return self.traced(*args)
         program, answer = found

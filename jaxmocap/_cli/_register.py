@@ -51,17 +51,15 @@ def register(
     overrides = None if pose is None else read_pose_file(pose)
     opened, _ = with_selected_frames(opened, overrides, say)
     selected = opened.selected_frames or (0,)
-    found: dict[int, Registration] = {}
     with atomic_folder(out) as folder, progress() as report:
         key = jax.random.key(seed)
         opened, masks = with_person_masks(
             opened, character, key=key, overrides=overrides, find=find_masks, say=say, progress=report
         )
-        for number, frame in enumerate(selected):
-            report("register", number, len(selected))
-            found |= register(opened, cameras, character, (frame,), key=jax.random.fold_in(key, 1), overrides=overrides)
-            _draw(filmed, filmed.cameras, character, found[frame], folder)
-        report("register", len(selected), len(selected))
+        register_key = jax.random.fold_in(key, 1)
+        found = register(opened, cameras, character, selected, key=register_key, overrides=overrides, progress=report)
+        for registration in found.values():
+            _draw(filmed, filmed.cameras, character, registration, folder)
         record = registration_record(found, character, mask_record(opened, masks))
         write_json(folder / "registration.json", record)
     show(record, lambda: _table(record, opened.camera_names, out), json_wanted=json)

@@ -109,4 +109,4 @@ def _once_each(arguments: Sequence[str]) -> None:
     options = [part.split("=")[0].replace("_", "-") for part in arguments if part.startswith("--") and part != "--"]
     twice = next((option for option in options if options.count(option) > 1), None)
     if twice is not None:
-        raise InputError(f"{twice} is given more than once; give it once, with all that it takes after it: {twice} A B.")
+        raise InputError(f"{twice} is given more than once; give it once, with all that it takes: {twice} A B.")

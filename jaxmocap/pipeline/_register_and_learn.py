@@ -45,13 +45,10 @@ def register_and_learn(
         found = find_person_masks(capture, character, key=mask_key, overrides=overrides, progress=progress)
         capture = capture.with_masks(masks_of(found))
     cameras, selected = capture.cameras, capture.selected_frames or (0,)
-    tell("register", 0, len(selected))
-    registrations: dict[int, Registration] = {}
-    for number, frame in enumerate(selected):
-        registrations |= register(
-            capture, cameras, character, (frame,), key=jax.random.fold_in(key, 1), overrides=overrides
-        )
-        tell("register", number + 1, len(selected))
+    register_key = jax.random.fold_in(key, 1)
+    registrations = register(
+        capture, cameras, character, selected, key=register_key, overrides=overrides, progress=progress
+    )
     tell("appearance", 0, 1)
     appearance = fit_capture_appearance(
         capture,

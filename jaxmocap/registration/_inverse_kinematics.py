@@ -1,11 +1,11 @@
 """A rough pose from 2D keypoints: inverse kinematics."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmocap._cache import cached_jit
 from jaxmocap._results import InputError
 from jaxmocap.camera import View, triangulate
 from jaxmocap.character import (
@@ -136,7 +136,7 @@ def _best_of(
     return float(costs[winner]), jax.device_put(deltas[winner])
 
 
-@eqx.filter_jit
+@cached_jit
 def _solve_starts(
     character: Character, base: Pose, lines: LandmarkRays, refiner: AbstractRefiner, starts: Float[Array, "start dof"]
 ) -> tuple[Float[Array, "start dof"], Float[Array, "start"]]:

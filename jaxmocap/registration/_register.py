@@ -1,6 +1,8 @@
 """Registration of the mesh at the selected frames (sec. 3.2): keypoints, then contours and masks, then search if
 needed."""
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
+from jaxmocap._runtime import cores
 from jaxmocap._shapes import check_key
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject, choose_frames
@@ -155,12 +158,14 @@ def register(
     overrides: Overrides | None = None,
     start: Pose | None = None,
     settings: RegistrationSettings | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> dict[int, Registration]:
     """Register the mesh at the selected frames of a capture (Gamma), chosen if it names none, or at `frames`.
 
     Returns the poses by frame, positions in the span that all cameras share. `overrides` fixes degrees of freedom,
     frame -> name -> metres or degrees, as `read_pose_file` returns them. `start` takes the place of the pose that the
-    keypoints tell, at every frame. `key` is for the search that follows where the outlines do not fit.
+    keypoints tell, at every frame. `key` is for the search that follows where the outlines do not fit. Frames are
+    registered side by side, one per core; `progress` hears "register", how many are done, and of how many.
     Raises `InputError` when the keypoints and the cameras cannot both be right (another unit, mirrored cameras).
     """
     key = jax.random.key(0) if key is None else key
@@ -173,8 +178,9 @@ def register(
                 raise InputError(f"capture '{capture.name}': {finding.message}")
     character = filled_up(character)
     surface = surface_of(character, None, cameras.num_cameras)
-    return {
-        frame: register_frame(
+
+    def one(frame: int) -> Registration:
+        return register_frame(
             capture,
             cameras,
             character,
@@ -185,5 +191,12 @@ def register(
             overrides=(overrides or {}).get(frame),
             settings=settings,
         )
-        for frame in frames
-    }
+
+    tell = progress or (lambda stage, done, total: None)
+    tell("register", 0, len(frames))
+    found: dict[int, Registration] = {}
+    with ThreadPoolExecutor(max(min(cores(), len(frames)), 1)) as pool:
+        for frame, registration in zip(frames, pool.map(one, frames), strict=True):
+            found[frame] = registration
+            tell("register", len(found), len(frames))
+    return found

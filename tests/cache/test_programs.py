@@ -1,6 +1,8 @@
 """Lowered programs are traced once, never taken from a file that is not theirs, and give the bits of tracing."""
 
 import gc
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import equinox as eqx
@@ -65,6 +67,20 @@ def test_a_program_is_traced_once_and_gives_the_bits_of_tracing(folder):
     for found in (first, *again):
         same(found, plain)
     assert isinstance(first[0], Pose)
+
+
+def slowly_traced(values):
+    TRACES.append("slowly")
+    time.sleep(0.2)
+    return jnp.cos(values)
+
+
+def test_what_two_threads_ask_for_at_once_is_traced_once(folder):
+    function = cached_jit(slowly_traced)
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(function, [jnp.arange(4.0)] * 2))
+    assert TRACES == ["slowly"]
+    same(*found)
 
 
 def test_the_compiler_is_given_the_options(folder, monkeypatch):

@@ -69,6 +69,22 @@ def test_the_distance_to_the_keypoints_is_that_of_the_pose_in_the_end(world, reg
     assert found.keypoint_rms == pytest.approx(registered[0].keypoint_rms, abs=0.003)
 
 
+def test_frames_side_by_side_come_out_as_each_alone_and_progress_is_told(world):
+    told = []
+    both = register(
+        world.capture,
+        world.cameras,
+        world.character,
+        settings=QUICK,
+        progress=lambda stage, done, total: told.append((stage, done, total)),
+    )
+    assert told == [("register", 0, 2), ("register", 1, 2), ("register", 2, 2)]
+    for frame, found in both.items():
+        alone = register(world.capture, world.cameras, world.character, (frame,), settings=QUICK)[frame]
+        for one, other in zip(jax.tree.leaves(found.pose), jax.tree.leaves(alone.pose), strict=True):
+            assert np.asarray(one).tobytes() == np.asarray(other).tobytes()
+
+
 def test_overrides_stay_as_they_were_given(world):
     values = {"root_ty": float(pose_vector(world.character.skeleton, world.pose(0))[1]), "l_elbow_flex": 42.0}
     found = register(
