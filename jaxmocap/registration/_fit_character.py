@@ -1,6 +1,7 @@
 """A generic character made to the measure of the filmed person, from keypoints and masks of a few frames."""
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TypeVar
 
@@ -11,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
+from jaxmocap._runtime import cores
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject
 from jaxmocap.character import BodyShape, Character, Pose, clamp, scaled, stature
@@ -81,19 +83,24 @@ def fit_character(
     if height is not None:
         grown = float(np.log(height / stature(generic)))
         character = scaled(generic, BodyShape.of(grown))
-    base, rays = [], []
-    for number, frame in enumerate(chosen):
-        tell("poses", number, len(chosen))
-        view, keypoints = cameras.at(frame), _keypoints(capture, frame)
-        where = f"frame {frame} of capture '{capture.name}'"
+
+    def posed(frame: int) -> Pose:
         if start is not None and frame in start:
-            base.append(start[frame])
-        else:
-            base.append(inverse_kinematics(character, view, keypoints, settings.pose_refiner, where=where)[0])
-        seen = jnp.asarray(stacked_keypoints(keypoints))
-        scale = settings.keypoint_scale
-        rays.append(keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale, table=_POINTS))
-    tell("poses", len(chosen), len(chosen))
+            return start[frame]
+        where = f"frame {frame} of capture '{capture.name}'"
+        keypoints = _keypoints(capture, frame)
+        return inverse_kinematics(character, cameras.at(frame), keypoints, settings.pose_refiner, where=where)[0]
+
+    base, rays = [], []
+    tell("poses", 0, len(chosen))
+    with ThreadPoolExecutor(min(cores(), len(chosen))) as pool:
+        for frame, pose in zip(chosen, pool.map(posed, chosen), strict=True):
+            view, seen = cameras.at(frame), jnp.asarray(stacked_keypoints(_keypoints(capture, frame)))
+            scale = settings.keypoint_scale
+            lines = keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale, table=_POINTS)
+            base.append(pose)
+            rays.append(lines)
+            tell("poses", len(base), len(chosen))
     measured = None if height is None else jnp.asarray(height, jnp.float32)
     problem = ShapeProblem(character, FramesSeen(_stacked(base), _stacked(rays)), settings.prior, measured)
     masks = [[capture.mask(c, frame) for c in range(cameras.num_cameras)] for frame in chosen]

@@ -2,12 +2,14 @@
 paper draws them by hand)."""
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import jax
 import numpy as np
 from jaxtyping import Bool, PRNGKeyArray
 
+from jaxmocap._runtime import cores
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, choose_frames
 from jaxmocap.character import Character, Pose, skin
@@ -81,9 +83,9 @@ def segment_person(
 
     The body is registered from the keypoints; it and they say roughly where the person is; GrabCut by local colours
     finds the outline (`cut_person`), with a detector's silhouettes where there are any; the body is fitted to it; and
-    so on. A body that is not the person's own will do. `start` are poses to begin with, by frame; `progress` hears
-    "masks", how many frames are done, and of how many. `capture.with_masks(masks_of(found))` uses the masks from then
-    on. Raises `InputError` where registration does.
+    so on, frames side by side. A body that is not the person's own will do. `start` are poses to begin with, by frame;
+    `progress` hears "masks", how many frames are done, and of how many. `capture.with_masks(masks_of(found))` uses the
+    masks from then on. Raises `InputError` where registration does.
     """
     settings = SegmentationSettings() if settings is None else settings
     registration = RegistrationSettings() if registration is None else registration
@@ -91,16 +93,14 @@ def segment_person(
     if frames is None:
         frames = capture.selected_frames or choose_frames(capture, cameras).frames
     rough = replace(registration, search_below=0.0, view_flow=0)  # holding views against each other mends no mask
-    result: PersonMasks = {}
     others: dict[tuple[int, int], OtherFrame] = {}
-    for number, frame in enumerate(frames):
-        progress("masks", number, len(frames))
+
+    def one(frame: int) -> tuple[PersonMask, ...]:
         given = [capture.mask(camera, frame) for camera in range(capture.num_cameras)]
         if all(mask is not None for mask in given):
-            result[frame] = tuple(PersonMask(mask, None) for mask in given if mask is not None)
-            continue
+            return tuple(PersonMask(mask, None) for mask in given if mask is not None)
 
-        def fitted(masks: list, start: Pose | None, frame: int = frame) -> Pose:
+        def fitted(masks: list, start: Pose | None) -> Pose:
             known = capture.with_masks({frame: masks})
             found = register(
                 known, cameras, character, (frame,), key=key, overrides=overrides, start=start, settings=rough
@@ -115,8 +115,14 @@ def segment_person(
             last, masks = masks, cutter.cut(pose)
             if max(_changed(a, b) for a, b in zip(last, masks, strict=True)) <= settings.settled:
                 break
-        result[frame] = cutter.judged(pose, masks)
-    progress("masks", len(frames), len(frames))
+        return cutter.judged(pose, masks)
+
+    progress("masks", 0, len(frames))
+    result: PersonMasks = {}
+    with ThreadPoolExecutor(max(min(cores(), len(frames)), 1)) as pool:
+        for frame, masks in zip(frames, pool.map(one, frames), strict=True):
+            result[frame] = masks
+            progress("masks", len(result), len(frames))
     return result
 
 
