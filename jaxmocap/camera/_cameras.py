@@ -1,5 +1,6 @@
 """The cameras of a capture, projection, its inverse, and triangulation. Pure JAX, differentiable in every argument."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import equinox as eqx
@@ -64,6 +65,12 @@ class Cameras(eqx.Module):
         if isinstance(frame, int | np.integer) and not 0 <= frame < self.num_frames:
             raise IndexError(f"frame {frame} is outside 0..{self.num_frames - 1}")
         return View(self.intrinsics, self.cam_from_world[:, frame])
+
+    def only(self, which: Sequence[int]) -> "Cameras":
+        """Return some of the cameras, by number."""
+        names, sizes = tuple(self.names[one] for one in which), tuple(self.sizes[one] for one in which)
+        index = np.asarray(which)
+        return Cameras(names, sizes, self.intrinsics[index], self.distortion[index], self.cam_from_world[index])
 
     def resized(self, sizes: tuple[tuple[int, int], ...]) -> "Cameras":
         """Scale the cameras to pictures of other (width, height), which see as much."""

@@ -57,6 +57,7 @@ def detect(
     weights: str | Path | None = None,
     person: Mapping[str, tuple[float, float]] | None = None,
     replace: bool = False,
+    skip_empty: bool = False,
     say: Say = lambda sentence: None,
     progress: Report = lambda stage, done, total: None,
 ) -> FoundKeypoints:
@@ -77,7 +78,8 @@ def detect(
     `say` takes sentences on what was chosen.
 
     Raises `InputError` where weights or runner cannot be had, where a camera is not one of the capture's, and where
-    nobody is found in a video; what other videos showed is kept.
+    nobody is found in a video; what other videos showed is kept. With `skip_empty` such a video has no keypoints
+    instead, as long as somebody is found in another one.
     """
     opened = capture if isinstance(capture, Capture) else Capture.open(config_path(capture), with_cameras=False)
     chosen = _cameras(opened, cameras)
@@ -86,7 +88,9 @@ def detect(
     require_runner()
     models = _Models(model, weights, say)
     if isinstance(capture, Capture):
-        people = {name: _follow(opened, name, span, models, at.get(name), say, progress) for name in chosen}
+        follow = partial(_follow, opened, span=span, models=models, say=say, progress=progress)
+        looked = {name: follow(name, at=at.get(name)) for name in chosen}
+        people = {name: person for name, person in looked.items() if _shown(opened, name, person, skip_empty)}
         return FoundKeypoints(_agreed(opened, people, say), {"model": models.record()})
     store = KeypointStore.open(config_path(capture), replace)
     for name in chosen:
@@ -102,14 +106,19 @@ def detect(
             partial(store.add_silhouette, name), store.seen(name, of), partial(store.keep_seen, name, of)
         )
         found = _follow(opened, name, span, models, at.get(name), say, progress, keeping)
-        store.add(name, inputs, models.record(), found)
+        if _shown(opened, name, found, skip_empty):
+            store.add(name, inputs, models.record(), found)
     everybody = {
         name: believed(person, opened.recorded_sizes[opened.camera_names.index(name)])
         for name, person in store.people(opened.camera_names).items()
     }
+    if not everybody:
+        raise InputError(
+            f"nobody was found in any of the {len(chosen)} videos; the person must be whole, not too small"
+        )
     people = _agreed(_with_cameras(capture, opened, say), everybody, say)
     store.finish(people)
-    return FoundKeypoints({name: people[name] for name in chosen}, store.record, store.folder)
+    return FoundKeypoints({name: people[name] for name in chosen if name in people}, store.record, store.folder)
 
 
 def _cameras(capture: Capture, names: Sequence[str] | None) -> tuple[str, ...]:
@@ -230,15 +239,21 @@ def _follow(
     found = follow_person(pictures(), model, at=at, frames=own.tolist(), **keeping.options())
     for note in found.notes:
         say(f"{name}: {note}.")
-    if not found.found.any():
-        raise InputError(
-            f"nobody was found in the {len(own)} pictures of camera {name} ({index.path.name}); choose --frames in "
-            "which the person is whole and not too small, or leave the camera out with --cameras"
-        )
     missing = own[~found.found]
-    if len(missing):
+    if found.found.any() and len(missing):
         say(f"{name}: the person was not found in {len(missing)} of {len(own)} pictures, first in {missing[0]}.")
     return found
+
+
+def _shown(capture: Capture, name: str, person: FollowedPerson, skip_empty: bool) -> bool:
+    """Whether anybody is found in a video; a refusal where nobody is and that is not to be skipped."""
+    if not (shown := bool(person.found.any())) and not skip_empty:
+        file = capture.videos[capture.camera_names.index(name)].name
+        raise InputError(
+            f"nobody was found in the {len(person.frames)} pictures of camera {name} ({file}); choose --frames in "
+            "which the person is whole and not too small, or leave the camera out with --cameras"
+        )
+    return shown
 
 
 def _with_cameras(path: str | Path, opened: Capture, say: Say) -> Capture:

@@ -32,17 +32,20 @@ MEASURED = 16
 
 _USUAL_DISTANCE = 2.5  # metres from camera to person, until the person tells the scale
 _CONFIDENT = 0.3
+_CAMERA = "\n[[camera]]\n"
 
 
 class Outlines(NamedTuple):
     """The person in pictures.
 
     Attributes:
+        used: numbers of the pictures in which the person is found; the rest of the record is of these alone.
         masks: without distortion.
         people: the same in the size that they were found in, and how sure they are.
         cameras: in metres, as the person's height says.
     """
 
+    used: tuple[int, ...]
     masks: Bool[np.ndarray, "view height width"]
     people: tuple[PersonMask, ...]
     cameras: Cameras
@@ -61,8 +64,9 @@ def find_outlines(
 
     The pictures become the cameras of a capture of one frame: a detector finds keypoints of the person whom the cameras
     look at, whose bones tell about the scale of the cameras' world from the person's `height` in metres; the built-in
-    body is made to measure, which tells it better, and colours decide along its outline. Raises `InputError` where the
-    detector cannot be had or finds nobody, and where the person moved.
+    body is made to measure, which tells it better, and colours decide along its outline. Pictures in which nobody is
+    found are left out, and named. Raises `InputError` where the detector cannot be had or finds nobody in half of the
+    pictures, and where the person moved.
     """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -70,26 +74,47 @@ def find_outlines(
         videos = video_names(files, names)
         for name, file in videos.items():
             shutil.copyfile(file, folder / name)
+        pictures = dict(zip(names, videos, strict=True))
         upright = replace(cameras, names=tuple(names), cam_from_world=_upright(cameras))
         poses = np.asarray(upright.cam_from_world, np.float64)[:, 0]
         upright = _scaled(upright, _USUAL_DISTANCE / _distance(poses))
-        _write_capture(folder, dict(zip(names, videos, strict=True)), upright)
+        _write_capture(folder, pictures, upright)
         crowded = _detect(folder, upright, weights, say, progress)
         seen = _keypoints(Capture.open(folder))
+        used = _showing(files, seen, say)
+        if len(used) < len(files):
+            _keep_views(folder / "capture.toml", used)
+            files, seen, upright = [files[view] for view in used], seen[used], upright.only(used)
+            crowded = [used.index(view) for view in crowded]
+            pictures = {name: pictures[name] for name in upright.names}
         upright = _scaled(upright, person_scale(upright, seen, height, [files[view].name for view in crowded]))
-        _write_capture(folder, dict(zip(names, videos, strict=True)), upright)
-        few = Capture.open(_some_views(folder / "capture.toml"))
+        _write_capture(folder, pictures, upright)
+        few = Capture.open(_measured_views(folder / "capture.toml"))
         made = character_of(few, height=height, scale_cameras=True, key=key, progress=progress)
         upright = _scaled(upright, made.camera_scale)
-        _write_capture(folder, dict(zip(names, videos, strict=True)), upright)
+        _write_capture(folder, pictures, upright)
         say("The masks are found: the person is detected, and cut out around the built-in body.")
         _, found = with_person_masks(Capture.open(folder), made.character, key=key, progress=progress)
     people = found[0]
     for file, one in zip(files, people, strict=True):
         if not one.mask.any():
             raise InputError(f"nobody is found in {file.name}; take the picture out, or give masks with --masks.")
-    pairs = zip(people, cameras.sizes, strict=True)
-    return Outlines(np.stack([_enlarged(one.mask, size) for one, size in pairs]), people, upright)
+    pairs = zip(people, upright.sizes, strict=True)
+    return Outlines(tuple(used), np.stack([_enlarged(one.mask, size) for one, size in pairs]), people, upright)
+
+
+def _showing(files: Sequence[Path], keypoints: Float[np.ndarray, "view 25 3"], say: Say) -> list[int]:
+    """List the pictures in which somebody is found, and say which are left out."""
+    shown = [bool((points[:, 2] > 0).any()) for points in keypoints]
+    names = [file.name for file, seen in zip(files, shown, strict=True) if not seen]
+    if 2 * len(names) >= len(files):
+        raise InputError(
+            f"nobody is found in {len(names)} of {len(files)} pictures (first {names[0]}); show the whole person, not "
+            "too small, or give masks with --masks."
+        )
+    if names:
+        say(f"Nobody is found in {', '.join(names)}: left out.")
+    return [view for view, seen in enumerate(shown) if seen]
 
 
 def _detect(folder: Path, cameras: Cameras, weights: str | Path | None, say: Say, progress: Report) -> list[int]:
@@ -105,8 +130,9 @@ def _detect(folder: Path, cameras: Cameras, weights: str | Path | None, say: Say
         at[name] = tuple(np.clip(pixel, 0, np.array(size) - 1))
     of_views = tuple(f"{name}: " for name in cameras.names)
     tell = lambda sentence: None if sentence.startswith(of_views) else say(sentence)  # noqa: E731 - forty alike
-    record = detect(folder, weights=weights, person=at, say=tell, progress=progress).record["cameras"]
-    crowded = [view for view, name in enumerate(cameras.names) if record[name]["notes"]]
+    found = detect(folder, weights=weights, person=at, skip_empty=True, say=tell, progress=progress)
+    record = found.record["cameras"]
+    crowded = [view for view, name in enumerate(cameras.names) if name in record and record[name]["notes"]]
     if crowded:
         say(
             f"Several people are seen in {len(crowded)} of {len(at)} pictures; the one in the middle of what the "
@@ -120,16 +146,22 @@ def _write_capture(folder: Path, pictures: Mapping[str, str], cameras: Cameras) 
     write_cameras(replace(cameras, names=tuple(pictures)), folder / "cameras.toml", "aniposelib")
     if (folder / "capture.toml").exists():
         return
-    sections = [f"\n[[camera]]\nname = {dumps(name)}\nvideo = {dumps(file)}\n" for name, file in pictures.items()]
+    sections = [f"{_CAMERA}name = {dumps(name)}\nvideo = {dumps(file)}\n" for name, file in pictures.items()]
     head = 'name = "scan"\nfps = 25\nframes = 1\nunits = "metres"\nup = "y"\ncameras = "cameras.toml"\n'
     (folder / "capture.toml").write_text(head + "selected_frames = [0]\n" + "".join(sections), encoding="utf-8")
 
 
-def _some_views(file: Path) -> Path:
+def _keep_views(file: Path, chosen: Sequence[int]) -> None:
+    """Leave the other views out of a capture."""
+    head, *cameras = file.read_text(encoding="utf-8").split(_CAMERA)
+    file.write_text(_CAMERA.join([head, *(cameras[view] for view in chosen)]), encoding="utf-8")
+
+
+def _measured_views(file: Path) -> Path:
     """Write beside a capture one of up to `MEASURED` of its views, evenly chosen."""
-    head, *cameras = file.read_text(encoding="utf-8").split("\n[[camera]]\n")
-    few = file.with_name("measured.toml")
-    few.write_text("\n[[camera]]\n".join([head, *cameras[:: -(-len(cameras) // MEASURED)]]), encoding="utf-8")
+    few = Path(shutil.copyfile(file, file.with_name("measured.toml")))
+    count = file.read_text(encoding="utf-8").count(_CAMERA)
+    _keep_views(few, range(0, count, -(-count // MEASURED)))
     return few
 
 

@@ -118,7 +118,9 @@ def _look(
     if masks is None:
         assert height is not None
         outlines = find_outlines(files, known, height, jax.random.key(seed), weights, say, progress)
-        known = outlines.cameras
+        known, files = outlines.cameras, [files[view] for view in outlines.used]
+        if cameras is None:
+            _refuse_open_lap(pictures, known)
     cameras_of = zip(known.intrinsics, known.distortion, known.sizes, strict=True)
     lenses = [Undistortion(np.asarray(k), np.asarray(d), one) for k, d, one in cameras_of]
 

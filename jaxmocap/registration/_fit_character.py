@@ -84,7 +84,7 @@ def fit_character(
         grown = float(np.log(height / stature(generic)))
         character = scaled(generic, BodyShape.of(grown))
 
-    def posed(frame: int) -> Pose:
+    def first_pose(frame: int) -> Pose:
         if start is not None and frame in start:
             return start[frame]
         where = f"frame {frame} of capture '{capture.name}'"
@@ -94,7 +94,7 @@ def fit_character(
     base, rays = [], []
     tell("poses", 0, len(chosen))
     with ThreadPoolExecutor(min(cores(), len(chosen))) as pool:
-        for frame, pose in zip(chosen, pool.map(posed, chosen), strict=True):
+        for frame, pose in zip(chosen, pool.map(first_pose, chosen), strict=True):
             view, seen = cameras.at(frame), jnp.asarray(stacked_keypoints(_keypoints(capture, frame)))
             scale = settings.keypoint_scale
             lines = keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale, table=_POINTS)

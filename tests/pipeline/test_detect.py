@@ -258,6 +258,17 @@ def test_a_video_without_a_person_is_refused_and_the_others_are_kept(marked, cap
     assert len(followed) == 2
 
 
+def test_a_video_without_a_person_may_be_passed_over(marked, followed):
+    (marked / "capture.toml").write_text(TOML.replace('video = "right.mp4"', 'video = "empty.mp4"'))
+    with pytest.raises(InputError, match=r"nobody was found in any video \(right\); the person"):
+        detect(marked, cameras=["right"], skip_empty=True)
+    heard = []
+    for capture in (marked, Capture.open(marked, with_cameras=False)):
+        assert list(detect(capture, skip_empty=True, say=heard.append).people) == ["left"]
+    assert not any("right" in sentence for sentence in heard)
+    assert Capture.open(marked, with_cameras=False).keypoints(1, 0) is None
+
+
 # Views held against each other ------------------------------------------------------------------------------------
 
 NAMES = ("cam0", "cam1", "cam2")

@@ -57,7 +57,7 @@ def kept(standing, tmp_path, monkeypatch):
 
     def find(files, cameras, *_):
         people = tuple(PersonMask(mask, UNSURE if number == 3 else SURE) for number, mask in enumerate(masks))
-        return Outlines(masks, people, cameras)
+        return Outlines(tuple(range(COUNT)), masks, people, cameras)
 
     def refuse(*_):
         raise AssertionError("looked for again")
@@ -67,6 +67,21 @@ def kept(standing, tmp_path, monkeypatch):
     shown = read_views(place / "pictures", **told)
     monkeypatch.setattr(_scan_views, "find_outlines", refuse)
     return shown, tmp_path / "kept"
+
+
+def test_a_picture_in_which_nobody_was_found_is_no_view(standing, monkeypatch):
+    place, masks, _ = standing
+    used = (0, 1, 2, 4, 5, 6, 7)
+
+    def find(files, cameras, *_):
+        return Outlines(used, masks[[*used]], (PersonMask(masks[0], SURE),) * len(used), cameras.only(used))
+
+    monkeypatch.setattr(_scan_views, "find_outlines", find)
+    shown = read_views(place / "pictures", cameras=place / "cameras.toml", height=HEIGHT)
+    assert shown.names == tuple(f"view{number}" for number in used)
+    every = read_views(place / "pictures", cameras=place / "cameras.toml", masks=place / "masks").views
+    np.testing.assert_array_equal(shown.views.grey, every.grey[[*used]])
+    np.testing.assert_array_equal(shown.views.intrinsics, every.intrinsics[[*used]])
 
 
 def paint(file, where):

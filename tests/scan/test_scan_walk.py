@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import jax
@@ -132,6 +133,17 @@ def test_people_who_are_taken_for_one_are_told_from_one_who_moves():
     person_scale(*standing(1.72), 1.72, ["b.png", "c.png"])
 
 
+def test_pictures_in_which_nobody_is_found_are_left_out_unless_they_are_half_of_them():
+    _, keypoints = standing(1.72)
+    files, heard = [Path(f"{view}.jpg") for view in range(12)], []
+    keypoints[[3, 7], :, 2] = 0
+    assert _scan_masks._showing(files, keypoints, heard.append) == [0, 1, 2, 4, 5, 6, 8, 9, 10, 11]
+    assert heard == ["Nobody is found in 3.jpg, 7.jpg: left out."]
+    keypoints[1:7, :, 2] = 0
+    with pytest.raises(InputError, match=r"nobody is found in 7 of 12 pictures \(first 1\.jpg\); show the whole"):
+        _scan_masks._showing(files, keypoints, heard.append)
+
+
 def test_the_person_in_the_middle_of_what_the_cameras_look_at_is_followed(tmp_path, monkeypatch):
     """By a lens that distorts, in pictures beside whose middle the person is."""
     cameras, _ = standing(1.72)
@@ -167,7 +179,7 @@ def test_the_person_in_the_middle_of_what_the_cameras_look_at_is_followed(tmp_pa
 def test_a_body_is_measured_in_some_of_many_views(count, taken, tmp_path):
     sections = [f'\n[[camera]]\nname = "view{number:02d}"\nvideo = "{number}.png"\n' for number in range(count)]
     (tmp_path / "capture.toml").write_text('name = "scan"\nkeypoints = "keypoints"\n' + "".join(sections))
-    few = tomllib.loads(_scan_masks._some_views(tmp_path / "capture.toml").read_text())
+    few = tomllib.loads(_scan_masks._measured_views(tmp_path / "capture.toml").read_text())
     assert few["keypoints"] == "keypoints"
     assert len(few["camera"]) == taken
     assert few["camera"][0]["name"] == "view00"
