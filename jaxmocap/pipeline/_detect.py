@@ -113,9 +113,8 @@ def detect(
         for name, person in store.people(opened.camera_names).items()
     }
     if not everybody:
-        raise InputError(
-            f"nobody was found in any of the {len(chosen)} videos; the person must be whole, not too small"
-        )
+        listed = ", ".join(chosen)
+        raise InputError(f"nobody was found in any video ({listed}); the person must be whole and not too small")
     people = _agreed(_with_cameras(capture, opened, say), everybody, say)
     store.finish(people)
     return FoundKeypoints({name: people[name] for name in chosen if name in people}, store.record, store.folder)
