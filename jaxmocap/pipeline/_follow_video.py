@@ -25,7 +25,7 @@ _EVERY = 5.0  # seconds after which what was seen is kept
 
 
 def own_frames(capture: Capture, name: str, span: slice) -> np.ndarray:
-    """Numbers of the frames in the camera's own video."""
+    """List the numbers of the frames in the camera's own video."""
     return np.unique(capture.video_frames[capture.camera_names.index(name), span])
 
 
@@ -84,6 +84,10 @@ def follow(
     progress: Report,
     keeping: Keeping | None = None,
 ) -> FollowedPerson:
+    """Follow the person through a span of one camera's frames, from where `keeping` was cut off.
+
+    Raises `InputError` where nobody is found.
+    """
     own = own_frames(capture, name, span)
     index = capture.indices[capture.camera_names.index(name)]
     model, keeping = models.get(), keeping or Keeping()
