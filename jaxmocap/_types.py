@@ -25,4 +25,10 @@ def knob(default: float) -> Any:
     return eqx.field(converter=as_array, default=default)
 
 
+Say = Callable[[str], None]
+"""Takes sentences on what was chosen or found."""
+
+Report = Callable[[str, int, int], None]
+"""Takes progress: the stage, how many of its steps are done, and how many there are."""
+
 Quality = Literal["draft", "normal", "paper"]

@@ -17,6 +17,13 @@ def test_ruff_finds_nothing(command):
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.parametrize("folder", ["tests", "benchmarks", "docs", "notebooks"])
+def test_a_name_that_is_not_defined_is_found(folder):
+    arguments = [sys.executable, "-m", "ruff", "check", "--stdin-filename", f"{folder}/made_up.py", "-"]
+    done = subprocess.run(arguments, cwd=ROOT, input="print(undefined)\n", capture_output=True, text=True)
+    assert "Undefined name `undefined`" in done.stdout
+
+
 def unannotated(source: str) -> list[str]:
     """Functions with a parameter or an answer whose type is not said; that of `__init__` goes without saying."""
     found = []

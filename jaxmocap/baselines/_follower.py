@@ -81,8 +81,13 @@ class Follower:
 class Baseline(abc.ABC):
     """A competitor of the tracker behind the tracker's interface: `jm.track(observations, tracker=baseline)` starts
     from the same registered pose and sees the same cameras, mesh and selected frames. At later selected frames the
-    registered pose is where it starts from. With `begin="flow"` every other frame begins where optical flow leads from
-    the last pose, as the tracker's does, and not as the publication says."""
+    registered pose is where it starts from.
+
+    Attributes:
+        begin: "own" as the publication says; "flow" begins every other frame where optical flow leads from the last
+            pose, as the tracker's does.
+        verdict: when a frame or a part of it is doubtful or lost, as of the tracker.
+    """
 
     begin: Literal["own", "flow"] = field(default="own", kw_only=True)
     verdict: VerdictSettings = field(default_factory=VerdictSettings, kw_only=True)

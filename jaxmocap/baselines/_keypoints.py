@@ -51,8 +51,12 @@ class KeypointTriangulation(Baseline):
     """Every keypoint that two views show is triangulated by itself (linear, weighed by confidence), then the skeleton
     is fitted to the points by least squares with joint limits, from the last pose. No pixel is looked at.
 
-    Needs observations with `detections`. A frame with fewer than `least` points keeps the last pose. `smoothness`
-    is the weight of the pull to the last pose, in units of the residual per radian, squared.
+    Needs observations with `detections`.
+
+    Attributes:
+        least: points below which a frame keeps the last pose; 4.
+        smoothness: weight of the pull to the last pose, in units of the residual per radian, squared; 0.02.
+        steps: of least squares; 12.
     """
 
     least: int = 4

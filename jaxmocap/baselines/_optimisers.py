@@ -85,7 +85,14 @@ class CovarianceState(AbstractState):
 
 class CovarianceMatrixAdaptation(AbstractSampler):
     """CMA-ES (Hansen, The CMA evolution strategy: a tutorial, 2016), the implementation of evosax behind `ask` and
-    `tell`. `step` is the first step size in units of the spread. Particles are folded back at the limits."""
+    `tell`. Particles are folded back at the limits.
+
+    Attributes:
+        num_particles: 168, that of seven degrees of freedom (`particles_for`).
+        num_iterations: 25, as of the annealing.
+        answer: "best_if_better", or "mean".
+        step: first step size in units of the spread; 0.6.
+    """
 
     num_particles: int = eqx.field(static=True, default=168)
     num_iterations: int = eqx.field(static=True, default=25)

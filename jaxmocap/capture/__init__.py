@@ -27,6 +27,7 @@ from ._picture_steps import (
     read_mask as read_mask,
     reduced_size as reduced_size,
 )
+from ._record import CaptureRecord as CaptureRecord
 from ._sync_plan import (
     SyncPlan as SyncPlan,
     camera_names as camera_names,

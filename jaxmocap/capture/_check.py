@@ -10,7 +10,7 @@ import numpy as np
 from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, examine_cameras
 
-from ._capture import Capture, build
+from ._capture import Capture
 from ._check_calibration import check_calibration
 from ._check_geometry import check_paths, check_triangulated, triangulated_people
 from ._check_people import check_keypoints, check_masks
@@ -44,7 +44,7 @@ def _build_what_can_be(
     for removed in ({}, {"frames": None}, {"selected_frames": None}, {"frames": None, "selected_frames": None}):
         attempt: list[Finding] = []
         tried = config.model_copy(update=removed)
-        capture = _attempt(attempt, file.name, lambda tried=tried: build(file, tried, readable, []))
+        capture = _attempt(attempt, file.name, lambda tried=tried: Capture.from_config(file, tried, readable, []))
         findings += [finding for finding in attempt if finding not in findings]
         if capture is not None:
             return capture

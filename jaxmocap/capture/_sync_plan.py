@@ -8,7 +8,7 @@ from pathlib import Path
 
 from jaxmocap._results import InputError
 
-from ._capture import build
+from ._capture import Capture
 from ._config import CameraEntry, CaptureConfig, config_path, read_config
 from ._edit_config import with_offsets
 from ._video import VideoIndex, index_video
@@ -59,7 +59,7 @@ def _consequences(
         entry.model_copy(update={"offset": offset}) for entry, offset in zip(config.camera, found.offsets, strict=True)
     ]
     try:
-        build(file, config.model_copy(update={"camera": entries}), list(videos), [])
+        Capture.from_config(file, config.model_copy(update={"camera": entries}), list(videos), [])
     except InputError as error:
         return (str(error),)
     return ()

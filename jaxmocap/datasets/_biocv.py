@@ -17,16 +17,8 @@ import numpy as np
 
 from jaxmocap._results import InputError
 
-from ._sequence import (
-    RecordedCamera,
-    RecordedSequence,
-    StaticCalibration,
-    need,
-    numbers_in,
-    read_c3d,
-    rotation_of,
-    video_rate,
-)
+from ._read_files import need, numbers_in, read_c3d, rotation_of, video_rate
+from ._sequence import RecordedCamera, RecordedSequence, StaticCalibration
 
 _SAME_RATE = 0.01  # of a rate: videos and markers that differ by less were triggered together
 _JOINTS = {

@@ -11,16 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ._sequence import (
-    RecordedCamera,
-    RecordedSequence,
-    StaticCalibration,
-    need,
-    numbers_in,
-    read_c3d,
-    rotation_of,
-    sorted_pictures,
-)
+from ._read_files import need, numbers_in, read_c3d, rotation_of
+from ._sequence import RecordedCamera, RecordedSequence, StaticCalibration, sorted_pictures
 
 _FPS, _MOCAP_FPS = 60.0, 120.0
 _TAKE = re.compile(r"(.+)_\((\w+)\)(\.avi)?$")

@@ -17,7 +17,8 @@ import numpy as np
 
 from jaxmocap._results import InputError
 
-from ._sequence import RecordedCamera, RecordedSequence, StaticCalibration, rotation_of
+from ._read_files import rotation_of
+from ._sequence import RecordedCamera, RecordedSequence, StaticCalibration
 
 _FPS, _MOCAP_FPS = 30.0, 120.0
 _VIDEO = re.compile(r"F_(PG\d)_Subject_(\d+)(_L)?\.avi$")

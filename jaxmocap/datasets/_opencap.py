@@ -24,7 +24,8 @@ from jaxmocap._results import InputError
 from jaxmocap.capture import index_video
 
 from ._array_pickle import read_array_pickle
-from ._sequence import RecordedCamera, RecordedSequence, StaticCalibration, need, rotation_of, video_rate
+from ._read_files import need, rotation_of, video_rate
+from ._sequence import RecordedCamera, RecordedSequence, StaticCalibration
 
 _VIDEO = "_syncdWithMocap.avi"
 _SHAPES = {"intrinsicMat": 9, "distortion": 5, "rotation": 9, "translation": 3}

@@ -13,7 +13,8 @@ import numpy as np
 
 from jaxmocap._results import InputError
 
-from ._sequence import RecordedCamera, RecordedSequence, StaticCalibration, need, numbers_in
+from ._read_files import need, numbers_in
+from ._sequence import RecordedCamera, RecordedSequence, StaticCalibration
 
 _FPS = 50.0
 

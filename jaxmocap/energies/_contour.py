@@ -14,6 +14,9 @@ from jaxmocap.render import listed
 
 from ._lines import SurfaceLines, surface_lines
 
+COLOUR_SCALE = 0.3
+"""Distance of colours, of full scale, that counts as the most."""
+
 
 class ContourSettings(eqx.Module):
     """How contour points look for their edge. The paper says only "close enough" with "best consistent colour and
@@ -25,7 +28,6 @@ class ContourSettings(eqx.Module):
         capacity: contour pixels per view at most; of more, as many count, at even distances.
         inside: edge pixels are the outermost ones of a mask, which belong to the outermost ones of the drawn mesh;
             False.
-        colour_scale: distance of colours, of full scale, that counts as the most; 0.3.
         accept_score: 0.4 distance + 0.3 orientation + 0.3 colour below which an edge is accepted; 0.5.
         accept_cosine: of the angle between the edge's gradient and the normal, at least; 0.85.
         within: pixels beyond which no edge counts: like `reach`, but free to change without compiling.
@@ -35,7 +37,6 @@ class ContourSettings(eqx.Module):
     step: int = eqx.field(static=True, default=2)
     capacity: int = eqx.field(static=True, default=2048)
     inside: bool = eqx.field(static=True, default=False)
-    colour_scale: Knob = knob(0.3)
     accept_score: Knob = knob(0.5)
     accept_cosine: Knob = knob(0.85)
     within: Knob = knob(1e3)
@@ -115,7 +116,7 @@ def edge_targets(
     cosine = jnp.abs(gradient[..., 0] * nx[:, None, None] + gradient[..., 1] * ny[:, None, None])
     inner_x = jnp.clip(jnp.round(x + 2 * nx[:, None, None]).astype(jnp.int32), 0, width - 1)
     inner_y = jnp.clip(jnp.round(y + 2 * ny[:, None, None]).astype(jnp.int32), 0, height - 1)
-    colour = jnp.linalg.norm(image[inner_y, inner_x] - model_colour[:, None, None, :], axis=-1) / settings.colour_scale
+    colour = jnp.linalg.norm(image[inner_y, inner_x] - model_colour[:, None, None, :], axis=-1) / COLOUR_SCALE
     colour = jnp.where(model_known[:, None, None], jnp.minimum(colour, 1.0), 0.5)
     far = jnp.minimum(settings.within, settings.reach)
     score = 0.4 * jnp.abs(offsets) / far + 0.3 * (1 - cosine) + 0.3 * colour

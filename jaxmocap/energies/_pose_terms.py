@@ -103,7 +103,12 @@ def keypoint_rays(
 class Keypoints(AbstractPoseTerm):
     """How far landmarks are from the rays of the frame's detections, each faded by Geman and McClure beyond `robust`
     metres and weighed by its confidence; the mean over all views and points there could be, in [0, 1], so that a frame
-    with few detections is judged by its pixels. The paper names this as future work."""
+    with few detections is judged by its pixels. The paper names this as future work.
+
+    Attributes:
+        weight: of the term, beside those of Eq. 5; 1.
+        robust: metres beyond which a landmark's distance hardly counts more; 0.1.
+    """
 
     weight: Knob = knob(1.0)
     robust: Knob = knob(0.1)
@@ -144,7 +149,11 @@ def bend(skeleton: Skeleton, angles: Float[Array, "... angle"]) -> Float[Array, 
 
 class Posture(AbstractPoseTerm):
     """The sum of squared shares of their limits to which spine, neck and collar bones are bent. Not in the paper,
-    whose search may explain a pixel by any posture within the limits; without this term in the energy it is back."""
+    whose search may explain a pixel by any posture within the limits; without this term in the energy it is back.
+
+    Attributes:
+        weight: of the term, beside those of Eq. 5; 0.005.
+    """
 
     weight: Knob = knob(0.005)
 

@@ -35,7 +35,11 @@ from ._view_view import ViewView
 
 
 class SearchEnergy(eqx.Module):
-    """A weighted sum of terms. Weights are array leaves: changing them never recompiles."""
+    """A weighted sum of terms. Weights are array leaves: changing them never recompiles.
+
+    Attributes:
+        terms: one at least, each with a `weight` and a `name` of its own.
+    """
 
     terms: tuple[AbstractTerm, ...]
 

@@ -8,7 +8,6 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxmocap._types import Knob
 from jaxmocap.appearance import TAU
 from jaxmocap.render import SoftFaces, expand
 
@@ -21,7 +20,6 @@ _Seen = tuple[SoftFaces, Float[Array, "3 4"], Int[Array, "2"], Float[Array, "hei
 class SoftView(NamedTuple):
     """The settings of `ViewView`, but for its weight."""
 
-    colour_scale: Knob
     step: int
     sampling: Literal["bilinear", "nearest"]
     fail: Literal["tau", "ignore"]
@@ -74,7 +72,7 @@ def _mean(own_view: _Seen, other_view: _Seen, drawn: SoftDrawn, how: SoftView) -
         colour += part_of_colour[:, None] * other_image.reshape(-1, 3)[place]
     difference = ((own_image.reshape(-1, 3)[pixel] - colour) ** 2).sum(-1)
     distance = jnp.where(difference > 0, jnp.sqrt(jnp.where(difference > 0, difference, 1.0)), 0.0)
-    cost = jnp.minimum(distance / how.colour_scale, TAU)
+    cost = jnp.minimum(distance, TAU)
     failed = jnp.where(inside, float(how.fail == "tau"), float(how.outside == "tau"))
     paid = (share * (near * cost + (1.0 - near) * failed * TAU)).sum()
     counted = (share * (near + (1.0 - near) * failed)).sum()

@@ -91,7 +91,6 @@ class ViewView(AbstractTerm):
 
     Attributes:
         weight: lambda of Eq. 5; 0.3, the paper's.
-        colour_scale: divides the colour distance before the cap; 1 is the paper.
         step: every so many pixels, in both directions, one is scored: 1 (the paper), 2, 4 or 8.
         sampling: of the other image, "bilinear" or "nearest".
         fail: cost of a pixel whose partner is not geodesically near, "tau" (the paper) or "ignore" (left out of the
@@ -100,7 +99,6 @@ class ViewView(AbstractTerm):
     """
 
     weight: Knob = knob(0.3)
-    colour_scale: Knob = knob(1.0)
     step: int = eqx.field(static=True, default=1)
     sampling: Literal["bilinear", "nearest"] = eqx.field(static=True, default="bilinear")
     fail: Literal["tau", "ignore"] = eqx.field(static=True, default="tau")
@@ -145,7 +143,7 @@ class ViewView(AbstractTerm):
         return first + top.astype(jnp.int32) * width + left.astype(jnp.int32), x - left, y - top
 
     def _colour_cost(self, own: Array, packed: Array, corner: Array, fx: Array, fy: Array, width: int) -> Array:
-        """min(|I_m - I_n|_2 / colour_scale, tau) at a `_corner` of the other view's `packed` colours."""
+        """min(|I_m - I_n|_2, tau) at a `_corner` of the other view's `packed` colours."""
         red, green, blue = _channels(own)
         if self.sampling == "nearest":
             other = _channels(look_up(packed, corner))
@@ -156,7 +154,7 @@ class ViewView(AbstractTerm):
                 for a, b, c, d in zip(*corners, strict=True)
             ]
         square = (red - other[0]) ** 2 + (green - other[1]) ** 2 + (blue - other[2]) ** 2
-        return jnp.minimum(jnp.sqrt(square) * (1 / 255) / self.colour_scale, TAU)
+        return jnp.minimum(jnp.sqrt(square) * (1 / 255), TAU)
 
     def _pixel_cost(self, colour: Array, near: Array, inside: Array, covered: Array) -> Array:
         """Cost of a pixel; -1 where it does not count."""
@@ -264,5 +262,5 @@ class ViewView(AbstractTerm):
 
         Near faces count by their share of the partner's pixel.
         """
-        how = SoftView(self.colour_scale, self.step, self.sampling, self.fail, self.outside)
+        how = SoftView(self.step, self.sampling, self.fail, self.outside)
         return soft_view_view(drawn, how)

@@ -10,6 +10,7 @@ from typing import Any
 from jaxmocap._cache import code_hash
 from jaxmocap._files import write_json, write_text
 from jaxmocap._results import InputError
+from jaxmocap._types import Report
 from jaxmocap.baselines import BUILT_IN, METHODS
 from jaxmocap.pipeline import Failure, check_workers, on_workers
 
@@ -18,7 +19,6 @@ from ._run import Run
 
 RUNS, CAPTURES, MOTIONS = "runs", "captures", "motions"
 _CODE = "code.txt"
-Report = Callable[[str, int, int], None]
 
 
 def sweep(

@@ -1,3 +1,4 @@
+from ._masks import intersection_over_union as intersection_over_union
 from ._mesh import (
     face_adjacency as face_adjacency,
     face_areas as face_areas,

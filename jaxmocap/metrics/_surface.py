@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxmocap.geometry import unit_vectors
+from jaxmocap.geometry import intersection_over_union, unit_vectors
 
 _POINTS_AT_ONCE = 16
 
@@ -70,8 +70,7 @@ def silhouette_iou(a: Bool[np.ndarray, "height width"], b: Bool[np.ndarray, "hei
     a, b = np.asarray(a, bool), np.asarray(b, bool)
     if a.shape != b.shape:
         raise ValueError(f"masks have shapes {a.shape} and {b.shape}")
-    union = np.count_nonzero(a | b)
-    return np.count_nonzero(a & b) / union if union else 1.0
+    return float(intersection_over_union(a, b, empty=1.0))
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

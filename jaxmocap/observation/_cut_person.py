@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from jaxmocap.geometry import intersection_over_union
+
 _SEED = 0
 _RARE = 0.003  # probability added to every colour
 _BLOCKS = 4  # that the standard deviation of "near" is divided into
@@ -106,7 +108,7 @@ def cut_person(
         return result
     size = float(np.sqrt(prior.sum()))
     far = signed_distance(prior)
-    if seen is not None and (prior & seen).sum() > (prior | seen).sum() / 2:
+    if seen is not None and intersection_over_union(prior, seen) > 0.5:
         far = (far + signed_distance(seen)) / 2
     rows, columns = np.nonzero(far >= -3 * settings.band * size)
     window = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from jaxmocap.geometry import intersection_over_union
+
 from ._cut_person import CutSettings, cut_person, signed_distance
 
 _MOVED = 0.03
@@ -55,10 +57,10 @@ def mask_confidence(
     far, size = signed_distance(prior), np.sqrt(prior.sum())
     stability = []
     for moved in (far > -_MOVED * size, far > _MOVED * size):
-        alike = _overlap(moved, prior)
-        followed = _overlap(mask, cut_person(image, moved, still, settings, seen=seen))
+        alike = intersection_over_union(moved, prior)
+        followed = intersection_over_union(mask, cut_person(image, moved, still, settings, seen=seen))
         stability.append((followed - alike) / max(1 - alike, 1e-6))
-    agreement = max(_overlap(mask, shape) for shape in (silhouette, seen) if shape is not None)
+    agreement = max(float(intersection_over_union(mask, shape)) for shape in (silhouette, seen) if shape is not None)
     return MaskConfidence(agreement, outline_contrast(image, mask), float(min(stability)))
 
 
@@ -73,8 +75,3 @@ def outline_contrast(image: UInt8[np.ndarray, "height width 3"], mask: Bool[np.n
     if not outline.any() or not beside.any():
         return 0.0
     return float(strength[outline].mean() / max(strength[beside].mean(), 1e-6)) - 1
-
-
-def _overlap(a: np.ndarray, b: np.ndarray) -> float:
-    union = (a | b).sum()
-    return float((a & b).sum() / union) if union else 0.0

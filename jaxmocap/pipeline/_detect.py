@@ -1,36 +1,20 @@
 """Finding the person's keypoints in the videos of a capture, which is completed in place."""
 
 import hashlib
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Bool
-
 from jaxmocap._results import InputError
-from jaxmocap.capture import Capture, FrameReader, config_path
-from jaxmocap.detection import (
-    FollowedPerson,
-    ModelName,
-    PersonModel,
-    SeenSoFar,
-    believed,
-    follow_person,
-    get_weights,
-    open_model,
-    require_runner,
-)
+from jaxmocap._types import Report, Say
+from jaxmocap.capture import Capture, config_path
+from jaxmocap.detection import FollowedPerson, ModelName, believed, require_runner
 
+from ._follow_video import Keeping, Models, follow, own_frames
 from ._keypoint_store import KeypointStore
 from ._view_agreement import agreeing
-
-Say = Callable[[str], None]
-Report = Callable[[str, int, int], None]
-_EVERY = 5.0  # seconds after which what was seen is kept
 
 
 @dataclass(frozen=True)
@@ -86,10 +70,9 @@ def detect(
     at = _points(opened, person or {}, chosen)
     span = _span(opened, frames)
     require_runner()
-    models = _Models(model, weights, say)
+    models = Models(model, weights, say)
     if isinstance(capture, Capture):
-        follow = partial(_follow, opened, span=span, models=models, say=say, progress=progress)
-        looked = {name: follow(name, at=at.get(name)) for name in chosen}
+        looked = {name: follow(opened, name, span, models, at.get(name), say, progress) for name in chosen}
         people = {name: person for name, person in looked.items() if _shown(opened, name, person, skip_empty)}
         return FoundKeypoints(_agreed(opened, people, say), {"model": models.record()})
     store = KeypointStore.open(config_path(capture), replace)
@@ -98,14 +81,12 @@ def detect(
             "video": _hash(opened.videos[opened.camera_names.index(name)]),
             "person": list(at[name]) if name in at else None,
         }
-        own = _own_frames(opened, name, span)
+        own = own_frames(opened, name, span)
         if store.has(name, inputs, model, own):
             continue
         of = {**inputs, "model": models.record(), "frames": own.tolist()}
-        keeping = _Keeping(
-            partial(store.add_silhouette, name), store.seen(name, of), partial(store.keep_seen, name, of)
-        )
-        found = _follow(opened, name, span, models, at.get(name), say, progress, keeping)
+        keeping = Keeping(partial(store.add_silhouette, name), store.seen(name, of), partial(store.keep_seen, name, of))
+        found = follow(opened, name, span, models, at.get(name), say, progress, keeping)
         if _shown(opened, name, found, skip_empty):
             store.add(name, inputs, models.record(), found)
     everybody = {
@@ -154,94 +135,6 @@ def _span(capture: Capture, frames: tuple[int, int] | None) -> slice:
     if not 0 <= start < stop <= capture.num_frames:
         raise InputError(f"frames {start}:{stop} are not within the {capture.num_frames} frames of '{capture.name}'")
     return slice(start, stop)
-
-
-def _own_frames(capture: Capture, name: str, span: slice) -> np.ndarray:
-    """Numbers of the frames in the camera's own video."""
-    return np.unique(capture.video_frames[capture.camera_names.index(name), span])
-
-
-class _Models:
-    """The model, opened when it is first needed."""
-
-    def __init__(self, name: ModelName | None, weights: str | Path | None, say: Say):
-        self._arguments = name, weights, say
-        self._opened: tuple[PersonModel, dict[str, Any]] | None = None
-
-    def get(self) -> PersonModel:
-        return self._open()[0]
-
-    def record(self) -> dict[str, Any]:
-        return self._open()[1]
-
-    def _open(self) -> tuple[PersonModel, dict[str, Any]]:
-        if self._opened is None:
-            weights, say = get_weights(*self._arguments), self._arguments[2]
-            if weights.card.weak:
-                say(weights.card.weak)
-            record = {"name": weights.name, "title": weights.card.title, "licence": weights.card.licence}
-            self._opened = open_model(weights), {**record, "sha256": weights.hashes}
-        return self._opened
-
-
-class _Keeping:
-    """What is kept while a person is followed: every silhouette, and every few seconds what was seen."""
-
-    def __init__(
-        self,
-        silhouette: Callable[[int, Bool[np.ndarray, "height width"]], None] | None = None,
-        begun: SeenSoFar = SeenSoFar(),
-        write: Callable[[SeenSoFar], None] = lambda seen: None,
-    ):
-        self.begun = begun
-        self._silhouette, self._write, self._written = silhouette, write, time.monotonic()
-
-    def options(self) -> dict[str, Any]:
-        """Return those of `follow_person`."""
-        return {"silhouette": self._silhouette, "begun": self.begun, "keep": self._keep}
-
-    def _keep(self, seen: SeenSoFar) -> None:
-        if time.monotonic() >= self._written + _EVERY:
-            self._write(seen)
-            self._written = time.monotonic()
-
-
-def _follow(
-    capture: Capture,
-    name: str,
-    span: slice,
-    models: _Models,
-    at: tuple[float, float] | None,
-    say: Say,
-    progress: Report,
-    keeping: _Keeping | None = None,
-) -> FollowedPerson:
-    own = _own_frames(capture, name, span)
-    index = capture.indices[capture.camera_names.index(name)]
-    model, keeping = models.get(), keeping or _Keeping()
-    before = len(keeping.begun.seen)
-    if before:
-        say(f"{name}: {before} of {len(own)} pictures were looked at before; it goes on from there.")
-    elif at is not None:
-        say(f"{name}: the person is looked for at ({at[0]:g}, {at[1]:g}) in frame {own[0]} of {index.path.name}.")
-
-    def pictures() -> Iterator[np.ndarray]:
-        reader = FrameReader(index)
-        try:
-            for done, frame in enumerate(own[before:], before):
-                progress(f"detect {name}", done, len(own))
-                yield reader.read(int(frame))
-        finally:
-            reader.close()
-        progress(f"detect {name}", len(own), len(own))
-
-    found = follow_person(pictures(), model, at=at, frames=own.tolist(), **keeping.options())
-    for note in found.notes:
-        say(f"{name}: {note}.")
-    missing = own[~found.found]
-    if found.found.any() and len(missing):
-        say(f"{name}: the person was not found in {len(missing)} of {len(own)} pictures, first in {missing[0]}.")
-    return found
 
 
 def _shown(capture: Capture, name: str, person: FollowedPerson, skip_empty: bool) -> bool:

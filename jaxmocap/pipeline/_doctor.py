@@ -14,9 +14,9 @@ import jax
 from av.codec import Codec
 
 from jaxmocap._runtime import cores, versions
+from jaxmocap._types import Report
 from jaxmocap.synthetic import make_capture, write_capture
 
-from ._detect import Report
 from ._self_test import SelfTest, self_test
 from ._track_capture import track_capture
 

@@ -1,6 +1,5 @@
 """Who is tracked: the actor that is given, or else the built-in body, made to the measure of the filmed person."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +10,7 @@ from jaxtyping import PRNGKeyArray
 from jaxmocap._cache import cached_stage, code_hash, machine
 from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
+from jaxmocap._types import Report, Say
 from jaxmocap.capture import Capture, Finding, choose_frames, content_hash
 from jaxmocap.character import Character
 from jaxmocap.registration import (
@@ -27,9 +27,6 @@ from jaxmocap.rigging import body, open_actor
 MOST_FRAMES, MOST_MASKED = 6, 2
 """Well-spread frames whose keypoints tell the lengths, and those of them whose outlines tell the girths where no
 detector has left silhouettes: with these it is all of them."""
-
-Say = Callable[[str], None]
-Report = Callable[[str, int, int], None]
 
 
 class MadeBody(NamedTuple):

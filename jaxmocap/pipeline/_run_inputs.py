@@ -1,13 +1,14 @@
 """A run in its folder, and what its stages are made of."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from jaxmocap._results import InputError
+from jaxmocap._types import Report, Say
 from jaxmocap.calibration import refuse_gaps
 from jaxmocap.capture import Capture, CaptureConfig, VideoIndex, camera_names, config_path, path_hash, read_config
 
@@ -17,9 +18,6 @@ from ._run_record import RunRecord
 
 CAPTURE = "capture"
 """Folder of a run in which its capture lies."""
-
-Say = Callable[[str], None]
-Report = Callable[[str, int, int], None]
 
 
 def names_in(capture: Path, videos: Sequence[Path]) -> list[str]:

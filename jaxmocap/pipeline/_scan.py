@@ -9,11 +9,11 @@ from jaxtyping import UInt8
 
 from jaxmocap._files import atomic_path
 from jaxmocap._results import InputError
+from jaxmocap._types import Report, Say
 from jaxmocap.registration import SegmentationSettings
 from jaxmocap.rigging import RiggedMesh, refuse_number_of_triangles, rig
 from jaxmocap.scan import Scan, reconstruct, vertex_colours
 
-from ._detect import Report, Say
 from ._scan_folder import ScanViews, is_views_folder
 from ._scan_views import read_views, widest_gap
 

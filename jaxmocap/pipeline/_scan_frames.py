@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxmocap._results import InputError
+from jaxmocap._types import Report
 from jaxmocap.calibration import usual_focal
 from jaxmocap.capture import FrameReader, VideoIndex, index_video
-
-from ._detect import Report
 
 VIEWS = 40
 """Frames that are looked at: nine degrees from one to the next."""

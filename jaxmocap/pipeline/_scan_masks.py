@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
+from jaxmocap._types import Report, Say
 from jaxmocap.calibration import PARTS_OF_HEIGHT, SubjectView, fit_scale, triangulate_views
 from jaxmocap.camera import Cameras, look_at_point, world_from_upright, write_cameras
 from jaxmocap.capture import Capture, Undistortion, camera_names, video_names
@@ -21,7 +22,7 @@ from jaxmocap.geometry import camera_centres
 from jaxmocap.registration import PersonMask
 
 from ._defaults import with_person_masks
-from ._detect import Report, Say, detect
+from ._detect import detect
 from ._made_to_measure import character_of
 
 MOVED = 0.06

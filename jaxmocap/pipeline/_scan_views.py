@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from jaxmocap._files import is_clutter
 from jaxmocap._results import InputError
+from jaxmocap._types import Report, Say
 from jaxmocap.calibration import PHONE_FOCAL, calibrate_pictures
 from jaxmocap.camera import Cameras, look_at_point, read_picture_cameras, world_from_upright
 from jaxmocap.capture import Undistortion
@@ -20,7 +21,6 @@ from jaxmocap.rigging import check_height
 from jaxmocap.scan import Views, person_place
 
 from ._defaults import person_record
-from ._detect import Report, Say
 from ._scan_folder import (
     ScanViews,
     grey_and_small,

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmocap._types import Report
 from jaxmocap.capture import FrameReader, index_video
 from jaxmocap.character import Pose, retract, skin
 from jaxmocap.energies import (
@@ -24,13 +25,12 @@ from jaxmocap.energies import (
     score_particles,
     soft_score,
 )
+from jaxmocap.geometry import intersection_over_union
 from jaxmocap.observation import FrameProblem, build_problem, place_rectangle, projected_box, surface_of
 from jaxmocap.render import SoftSettings, face_ids
 from jaxmocap.samplers import CrossEntropy, run as run_search
 from jaxmocap.synthetic import SyntheticCapture, make_capture
 from jaxmocap.viewers import write_overlay_video
-
-from ._detect import Report
 
 _SIZE = (192, 108)
 _OFF = 0.06  # metres sideways, from where the gradient is taken and the search begins
@@ -131,7 +131,7 @@ class _World:
         faces = truth.character.faces
         ids, _ = face_ids(vertices, faces, view.intrinsics, view.cam_from_world, origins, height, width)
         drawn, true = np.asarray(ids) >= 0, truth.masks[0]
-        overlap = (drawn & true).sum() / (drawn | true).sum()
+        overlap = float(intersection_over_union(drawn, true))
         return overlap > 0.95, f"the drawn body overlaps with its true mask by {100 * overlap:.1f} %"
 
     def energy_of_truth(self) -> tuple[bool, str]:

@@ -1,13 +1,13 @@
 """A take of a batch: a capture folder, tracked as `track` does, or videos, of which `run` makes a motion."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from jaxmocap._results import InputError
-from jaxmocap._types import Quality
+from jaxmocap._types import Quality, Say
 from jaxmocap.capture import Capture
 from jaxmocap.motion import Motion
 from jaxmocap.rigging import check_height
@@ -21,7 +21,6 @@ from ._run_options import RunOptions, span_within
 from ._run_record import RunRecord
 from ._track_capture import track_capture
 
-Say = Callable[[str], None]
 Way = Literal["tracked", "resumed", "kept"]
 """How a take got its result: from the start, from where an earlier batch was cut off, or in an earlier batch."""
 

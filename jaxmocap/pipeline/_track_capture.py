@@ -22,7 +22,7 @@ from jaxmocap._cache import (
 from jaxmocap._files import write_json
 from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
-from jaxmocap._types import Quality
+from jaxmocap._types import Quality, Report
 from jaxmocap.capture import Capture, Detections, check_common_size, content_hash, path_hash, triangulated_people
 from jaxmocap.character import Character
 from jaxmocap.motion import Motion
@@ -38,9 +38,6 @@ from ._defaults import MaskRecord, mask_record, say_doubts, with_selected_frames
 from ._made_to_measure import character_of
 from ._register_and_learn import Prepared, register_and_learn
 from ._run_folder import finished, run_folder
-
-Report = Callable[[str, int, int], None]
-"""Told what is being done, how much of it is done, and how much there is."""
 
 
 def open_character(

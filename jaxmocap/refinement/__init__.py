@@ -1,5 +1,11 @@
 """The local refinement of sec. 4.2: correspondences, rows, least squares."""
 
+from ._compare import (
+    Comparison as Comparison,
+    FlowSettings as FlowSettings,
+    compare as compare,
+    compare_views as compare_views,
+)
 from ._least_squares import (
     Prior as Prior,
     Rows as Rows,
@@ -14,15 +20,11 @@ from ._refine import (
     RefineWeights as RefineWeights,
     detection_rays as detection_rays,
 )
-from ._surface_flow import (
-    Comparison as Comparison,
-    FlowSettings as FlowSettings,
+from ._sources import (
     Source as Source,
-    compare as compare,
-    compare_views as compare_views,
     padded as padded,
     picture_source as picture_source,
     same_time_sources as same_time_sources,
-    surface_flow as surface_flow,
 )
+from ._surface_flow import surface_flow as surface_flow
 from ._transfer import View as View

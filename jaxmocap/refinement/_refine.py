@@ -16,8 +16,10 @@ from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import BODY_25, FACE, Frame, FrameProblem, Observations, draw
 from jaxmocap.refiners import AbstractRefiner, LeastSquares
 
+from ._compare import FlowSettings
 from ._least_squares import Prior, Rows, descend, free_prior
-from ._surface_flow import FlowSettings, Source, padded, picture_source, same_time_sources, surface_flow
+from ._sources import Source, padded, picture_source, same_time_sources
+from ._surface_flow import surface_flow
 
 EVIDENCE_SCALE = np.float32(0.02)
 """Metres that count as 1 in the J^T J that a refinement tells, whatever counts as 1 in what it minimises."""

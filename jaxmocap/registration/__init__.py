@@ -10,7 +10,6 @@ from ._fit_character import (
 from ._fit_silhouette import (
     RegistrationSettings as RegistrationSettings,
     fit_to_masks as fit_to_masks,
-    intersection_over_union as intersection_over_union,
 )
 from ._fit_surface import SurfaceFit as SurfaceFit, SurfaceSettings as SurfaceSettings, fit_surface as fit_surface
 from ._inverse_kinematics import inverse_kinematics as inverse_kinematics, triangulated as triangulated

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxmocap.camera import view_angles
 from jaxmocap.character import Character, Pose, retract, skin
@@ -54,13 +54,6 @@ class RegistrationSettings:
     warn_below: float = 0.9
     view_flow: int = 20
     refiner: AbstractRefiner = field(default_factory=Shooting)
-
-
-def intersection_over_union(ids: np.ndarray, mask: Bool[np.ndarray, "height width"]) -> float:
-    """Measure how far a drawn mesh (face ids, -1 empty) and a mask agree."""
-    drawn = np.asarray(ids) >= 0
-    union = (drawn | mask).sum()
-    return float((drawn & mask).sum() / union) if union else float("nan")
 
 
 def moved_by_rows(

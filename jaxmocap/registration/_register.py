@@ -18,6 +18,7 @@ from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject, choose_frames
 from jaxmocap.character import Character, Pose, filled_up, rest_pose, skin
 from jaxmocap.energies import keypoint_rays
+from jaxmocap.geometry import intersection_over_union
 from jaxmocap.observation import (
     BODY_25,
     FACE,
@@ -35,7 +36,6 @@ from ._fit_silhouette import (
     RegistrationSettings,
     fit_between_views,
     fit_to_masks,
-    intersection_over_union,
     search_silhouettes,
 )
 from ._inverse_kinematics import inverse_kinematics, keypoint_distance
@@ -144,8 +144,8 @@ def _agreement(
     character: Character, pose: Pose, problem: FrameProblem, masks: list[Bool[np.ndarray, "height width"] | None]
 ) -> Float[np.ndarray, "camera"]:
     _, ids, _ = draw(character, pose, problem)
-    host = np.asarray(ids)
-    return np.array([intersection_over_union(host[c], m) if m is not None else np.nan for c, m in enumerate(masks)])
+    drawn = np.asarray(ids) >= 0
+    return np.array([np.nan if m is None else intersection_over_union(drawn[c], m) for c, m in enumerate(masks)])
 
 
 def register(

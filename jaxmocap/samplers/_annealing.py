@@ -12,6 +12,9 @@ from ._base import effective_sample_size
 
 Schedule = Literal["ess", "poly_std", "poly_raw"]
 
+BETA_MIN, BETA_MAX = 1e-2, 1e7
+"""They fit energies that differ by 1e-7 to 1e2."""
+
 
 def energy_gaps(energies: Float[Array, "particle"]) -> Float[Array, "particle"]:
     """Subtract the lowest energy; +inf where not finite; all zero if no energy is finite."""
@@ -27,16 +30,11 @@ def boltzmann_weights(gaps: Float[Array, "particle"], beta: Float[Array, ""]) ->
     return jnp.where(jnp.isfinite(gaps), jnp.exp(-beta * jnp.where(jnp.isfinite(gaps), gaps, 0.0)), 0.0)
 
 
-def beta_for_effective_sample_size(
-    gaps: Float[Array, "particle"],
-    share: Knob,
-    beta_min: Knob,
-    beta_max: Knob,
-) -> Float[Array, ""]:
+def beta_for_effective_sample_size(gaps: Float[Array, "particle"], share: Knob) -> Float[Array, ""]:
     """Find by bisection the beta of effective sample size `share * N` (survival rate, Deutscher and Reid, IJCV 2005).
 
-    The effective sample size falls as beta grows, so 40 halvings of [beta_min, beta_max] suffice. Where even
-    `beta_max` selects too little (energies all equal), `beta_max` is returned.
+    The effective sample size falls as beta grows, so 40 halvings of [`BETA_MIN`, `BETA_MAX`] suffice. Where even
+    `BETA_MAX` selects too little (energies all equal), `BETA_MAX` is returned.
     """
     target = share * gaps.shape[0]
 
@@ -46,7 +44,7 @@ def beta_for_effective_sample_size(
         too_many = effective_sample_size(boltzmann_weights(gaps, jnp.exp(middle))) > target
         return jnp.where(too_many, middle, low), jnp.where(too_many, high, middle)
 
-    ends = (jnp.log(beta_min).astype(gaps.dtype), jnp.log(beta_max).astype(gaps.dtype))
+    ends = (jnp.log(BETA_MIN).astype(gaps.dtype), jnp.log(BETA_MAX).astype(gaps.dtype))
     _, high = jax.lax.fori_loop(0, 40, halve, ends)
     return jnp.exp(high)
 

@@ -77,8 +77,6 @@ class InteractingSimulatedAnnealing(AbstractSampler):
             ours. Give an array with 0.002 for translations in metres.
         exponent: of the polynomial schedules; 0.7, as published.
         beta_factor: of "poly_raw"; 1.
-        beta_min: least beta of "ess"; with `beta_max` it fits energies that differ by 1e-7 to 1e2.
-        beta_max: largest beta of "ess".
     """
 
     num_particles: int = eqx.field(static=True, default=168)
@@ -93,8 +91,6 @@ class InteractingSimulatedAnnealing(AbstractSampler):
     sigma_min: Float[Array, "*dof"] = knob(0.00436)
     exponent: Knob = knob(0.7)
     beta_factor: Knob = knob(1.0)
-    beta_min: Knob = knob(1e-2)
-    beta_max: Knob = knob(1e7)
 
     def __check_init__(self) -> None:
         options = {"answer": Answer, "schedule": Schedule, "epsilon": Epsilon, "resampling": Resampling}
@@ -143,7 +139,7 @@ class InteractingSimulatedAnnealing(AbstractSampler):
 
     def _beta(self, gaps: Float[Array, "particle"], scale: Float[Array, ""], state: AnnealingState) -> Float[Array, ""]:
         if self.schedule == "ess":
-            beta = beta_for_effective_sample_size(gaps, self.survival, self.beta_min, self.beta_max)
+            beta = beta_for_effective_sample_size(gaps, self.survival)
         else:
             beta = (state.iteration + 1.0) ** self.exponent
             beta = beta / scale if self.schedule == "poly_std" else beta * self.beta_factor

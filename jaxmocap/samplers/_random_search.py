@@ -18,7 +18,14 @@ class RandomSearchState(AbstractState):
 
 
 class RandomSearch(AbstractSampler):
-    """Gaussian draws around the best particle so far; each iteration multiplies the deviation by `shrink`."""
+    """Gaussian draws around the best particle so far.
+
+    Attributes:
+        num_particles: 168, that of seven degrees of freedom (`particles_for`).
+        num_iterations: 25, as of the annealing.
+        answer: "best_if_better", or "mean".
+        shrink: what each iteration multiplies the deviation by; 0.85.
+    """
 
     num_particles: int = eqx.field(static=True, default=168)
     num_iterations: int = eqx.field(static=True, default=25)

@@ -7,6 +7,7 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 
 from jaxmocap._results import InputError
+from jaxmocap.geometry import intersection_over_union
 
 from ._hull import Views, mask_distances, visual_hull
 from ._surface import draw_views, refine_surface
@@ -102,7 +103,7 @@ def overlaps(
 ) -> Float[np.ndarray, " view"]:
     """Compute the intersection over union of a mesh's silhouette and the mask in every view."""
     drawn = np.stack([one.ids >= 0 for one in draw_views(vertices, faces, views)])
-    return (drawn & views.masks).sum((1, 2)) / np.maximum((drawn | views.masks).sum((1, 2)), 1)
+    return intersection_over_union(drawn, views.masks, empty=0.0)
 
 
 def confirmed(views: Views) -> Bool[np.ndarray, " view"]:

@@ -9,6 +9,10 @@ from jaxtyping import Bool, Float, Int
 from jaxmocap._results import InputError
 from jaxmocap.character import Pose
 
+SPEED = 3.0
+"""Metres per second that the 90th percentile of a group's vertices may move from the last frame to the start, or the
+group is searched."""
+
 
 @dataclass(frozen=True)
 class Gating:
@@ -16,13 +20,10 @@ class Gating:
     the paper, which searches everything and names this as future work.
 
     Attributes:
-        speed: metres per second that the 90th percentile of the group's vertices may move from the last frame to the
-            start.
         slack: how much the mean cost of Eq. 6 over its pixels may have grown.
         longest: frames in a row after which a group is searched all the same.
     """
 
-    speed: float = 3.0
     slack: float = 0.01
     longest: int = 3
 
@@ -31,9 +32,9 @@ class Gating:
 class Retry:
     """Search a limb again that seems lost. Not in the paper.
 
-    Of all answers the best is taken when it lowers the energy by `margin`. Behind the body a limb costs nothing, and
-    one that is seen costs little only in its exact place; so a hidden limb also gives way to an answer that is seen and
-    raises the energy by less than `slack`, or by less than `near` and less than `slack` once both are refined.
+    Of all answers the best is taken when it is clearly better. Behind the body a limb costs nothing, and one that is
+    seen costs little only in its exact place; so a hidden limb also gives way to an answer that is seen and hardly
+    worse, at once or once both are refined.
 
     Attributes:
         hidden: a limb is hidden when less than this share of its distal half is seen in any view.
@@ -42,9 +43,6 @@ class Retry:
         unusual: and this many times as much as in the median of the last frames: clothes wider than the mesh always
             are.
         tries: answers per limb, twice as many for a hidden one.
-        margin: energy by which an answer has to be better.
-        slack: energy by which an answer that shows a hidden limb may be worse.
-        near: the same before both are refined.
         turns: where a limb is searched again in frame after frame, one of so many searches is made in each.
     """
 
@@ -53,9 +51,6 @@ class Retry:
     uncovered: float = 0.015
     unusual: float = 1.5
     tries: int = 3
-    margin: float = 0.005
-    slack: float = 0.001
-    near: float = 0.01
     turns: int = 3
 
     def __post_init__(self) -> None:
@@ -96,6 +91,6 @@ def gated(
 
     Returns with them the memory after that.
     """
-    still = (speeds < settings.speed) & (costs <= memory.explained + settings.slack)
+    still = (speeds < SPEED) & (costs <= memory.explained + settings.slack)
     needed = ~still | (memory.skipped >= settings.longest)
     return needed, memory._replace(skipped=np.where(needed, 0, memory.skipped + 1))

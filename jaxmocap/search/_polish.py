@@ -26,8 +26,13 @@ _TRANSLATION, _ROTATION, _ANGLE = 0.02, 0.05, 0.1
 
 @dataclass(frozen=True)
 class PolishPlan:
-    """At most `steps` of a quasi-Newton method (BFGS) on Eq. 5 with soft visibility. `tolerance` is the relative and
-    absolute change of energy and pose at which it stops."""
+    """Say how the search's answer follows Eq. 5 with soft visibility downhill, by a quasi-Newton method (BFGS).
+
+    Attributes:
+        steps: at most; 15.
+        tolerance: relative and absolute change of energy and pose at which it stops; 1e-4.
+        soft: the soft rasteriser's width; its room is enlarged where it does not do.
+    """
 
     steps: int = 15
     tolerance: float = 1e-4

@@ -21,6 +21,12 @@ from jaxmocap.search import BodySearch
 
 from ._state import Tracked
 
+MARGIN = 0.002
+"""Energy by which an answer has to be better."""
+
+SLACK = 0.004
+"""Energy by which an answer from halfway may be worse."""
+
 
 @dataclass(frozen=True)
 class BackwardSearch:
@@ -34,21 +40,17 @@ class BackwardSearch:
         foreign: mean cost of Eq. 6 over the limb's distal half above which it looks foreign.
         better: by how much less it costs in the later frame.
         longest: frames that a limb is followed backwards at most.
-        margin: energy by which an answer has to be better.
         deviation: metres from halfway above which a limb is searched from there,
         acceleration_limit: if that is an acceleration above this, metres per second squared.
         hidden: share of the distal half that an answer has to show in some view, where more was shown.
-        slack: energy by which an answer from halfway may be worse.
     """
 
     foreign: float = 0.45
     better: float = 0.15
     longest: int = 6
-    margin: float = 0.002
     deviation: float = 0.15
     acceleration_limit: float = 200.0
     hidden: float = 0.5
-    slack: float = 0.004
 
 
 def doubtful_run(costs: Float[np.ndarray, "frame"], settings: BackwardSearch) -> int:
@@ -64,7 +66,7 @@ def search_backwards(
 
     A doubtful limb is searched from where it was one frame later, or on the way from there to where it was last seen,
     of which every frame takes an even part, from the youngest doubtful frame to the oldest; then the frames are refined
-    from the oldest to the youngest. A pose counts when it lowers Eq. 5 by `margin`. A limb that is not doubtful but
+    from the oldest to the youngest. A pose counts when it lowers Eq. 5 by `MARGIN`. A limb that is not doubtful but
     leaves its way in the last frame but one is searched there from halfway.
     """
     better = dict[int, Pose]()
@@ -73,9 +75,9 @@ def search_backwards(
         run = min(doubtful_run(costs[:, limb], settings), len(tracked) - 2)
         poses = [better.get(position, one.result.pose) for position, one in enumerate(tracked)]
         if run > 0:
-            found, margin = _backwards(tracked, poses, run, number, search), settings.margin
+            found, margin = _backwards(tracked, poses, run, number, search), MARGIN
         else:
-            found, margin = _straightened(tracked, poses, limb, search, settings), -settings.slack
+            found, margin = _straightened(tracked, poses, limb, search, settings), -SLACK
         for position in sorted(found):
             problem = tracked[position].frame.problem
             answer = _refined(tracked, position, found[position], better, search.character.skeleton, refinement)

@@ -1,6 +1,5 @@
 """One frame: start, search, refine, judge. Sec. 4 of the paper from top to bottom."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -8,18 +7,19 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from jaxmocap._cache import free_programs
-from jaxmocap._runtime import Clock, cores
+from jaxmocap._runtime import Clock
 from jaxmocap.character import Pose, difference, skin
 from jaxmocap.motion import MotionHistory, after, usual_interval
-from jaxmocap.observation import Frame, FrameImages, LightMeter, Observations, frame_rectangle, lit_apart
+from jaxmocap.observation import Frame, FrameImages, LightMeter, Observations, frame_rectangle
 from jaxmocap.refinement import Refinement
 from jaxmocap.search import BodySearch, DrawnPose, Evidence, PoseScore, polish
-from jaxmocap.verdict import FrameResult, frame_signals, judge_frame, passed_over, poses_between
+from jaxmocap.verdict import FrameResult, frame_signals, judge_frame
 
 from ._backward_search import search_backwards
+from ._light import filled_in, in_first_light, in_flash, pass_over
 from ._search_again import search_again
 from ._start import best_start, flow_start
-from ._state import Tracked, TrackingState
+from ._state import Tracked, TrackingState, known
 from ._tracker import Tracker
 
 
@@ -86,10 +86,13 @@ class FrameTracker:
 
     def track(self, state: TrackingState, shown: FrameImages) -> Step:
         """Find the pose of the next frame: start, search, refine, judge."""
-        if self._lit_apart(state, shown):
-            return self._pass_over(state, shown)
+        registered = shown.frame in self.observations.key_poses
+        if not registered and in_flash(state, shown, self.tracker.longest_flash):
+            return Step(*pass_over(state, shown, self.character.skeleton, len(self.evidence.distal)))
         clock = Clock()
-        shown, state = self._in_first_light(state, shown, clock)
+        if self.tracker.light:
+            with clock.stage("light"):
+                shown, state = in_first_light(state, shown)
         frame, start, state = self.start(state, shown, clock)
         pose, deviation, state = self.search(state, frame, start, clock)
         answer = self.refine(state, frame, Answer(pose, deviation), clock)
@@ -97,7 +100,7 @@ class FrameTracker:
 
     def start(self, state: TrackingState, shown: FrameImages, clock: Clock) -> tuple[Frame, Pose, TrackingState]:
         """Observe the frame as arrays, and choose where its search starts: the flow start, or what scores better."""
-        history, previous = _known(state)
+        history, previous = known(state)
         flow, speed = history.pose, np.zeros(len(shown.images))
         if self.tracker.flow_start:
             with clock.stage("flow"):
@@ -164,12 +167,7 @@ class FrameTracker:
             )
         with clock.stage("background"):
             background = self.observations.background.learn(state.background, shown, frame.rectangle, answer.pose)
-        between: tuple[FrameResult, ...] = ()
-        if state.passed_over:
-            assert before is not None
-            way = before.steps(shown.timestamp)
-            shares = [before.steps(one.timestamp) / way for one in state.passed_over]
-            between = tuple(poses_between(self.character.skeleton, state.passed_over, answer.pose, shares))
+        between = filled_in(state, shown, self.character.skeleton, answer.pose)
         detector = state.detector
         if detector is not None and result.status == "ok":
             view = self.observations.cameras.at(frame.number)
@@ -255,38 +253,3 @@ class FrameTracker:
 
     def _after(self, history: MotionHistory | None, timestamp: float, pose: Pose) -> MotionHistory:
         return after(self.character.skeleton, history, timestamp, pose, self.tracker.angles, self.interval)
-
-    def _lit_apart(self, state: TrackingState, shown: FrameImages) -> bool:
-        """Whether a flash lights the frame, which is no selected one, so that it had better be passed over."""
-        _, previous = _known(state)
-        if shown.frame in self.observations.key_poses or len(state.passed_over) >= self.tracker.longest_flash:
-            return False
-        as_before = shown if previous.light is None else shown.in_light(previous.light)
-        return lit_apart(as_before.images, previous.images)
-
-    def _pass_over(self, state: TrackingState, shown: FrameImages) -> Step:
-        """Pass over a frame in another light; the next one that can be tracked will tell its pose."""
-        history, _ = _known(state)
-        limbs = len(self.evidence.distal)
-        result = passed_over(self.character.skeleton, shown, history.pose, limbs)
-        return Step(state._replace(passed_over=(*state.passed_over, result), recent=()), result)
-
-    def _in_first_light(
-        self, state: TrackingState, shown: FrameImages, clock: Clock
-    ) -> tuple[FrameImages, TrackingState]:
-        """Show the frame in the light of the one at which the sequence started."""
-        if not self.tracker.light:
-            return shown, state
-        with clock.stage("light"):
-            with ThreadPoolExecutor(cores()) as pool:
-                light = tuple(pool.map(LightMeter.at, state.light, shown.images))
-            factors = np.stack([meter.factors() for meter in light])
-            shown = shown if (factors == 1).all() else shown.in_light(factors)
-        return shown, state._replace(light=light)
-
-
-def _known(state: TrackingState) -> tuple[MotionHistory, FrameImages]:
-    """Return what every state after the first frame holds."""
-    assert state.history is not None
-    assert state.previous is not None
-    return state.history, state.previous

@@ -16,6 +16,12 @@ REMEMBERED = 30
 CLOSE = 2.0
 """Times the spread that keep a search where a limb was last seen."""
 
+MARGIN = 0.005
+"""Energy by which an answer has to be better."""
+
+SLACK, NEAR = 0.001, 0.01
+"""Energy by which an answer that shows a hidden limb may be worse, and by which before both are refined."""
+
 
 def search_again(
     search: BodySearch,
@@ -53,7 +59,7 @@ def search_again(
         found = [search.group(number, begin, problem, None, key, within=reach)[0] for begin, key, reach in searches]
         totals, _ = search.score(problem, [pose, *found])
         best = int(np.argmin(totals[1:]))
-        if totals[1 + best] < totals[0] - retry.margin:
+        if totals[1 + best] < totals[0] - MARGIN:
             pose = found[best]
         elif hidden[limb]:
             pose = _shown(search, refinement, retry, int(limb), frame, [pose, *found], totals, history)
@@ -81,10 +87,10 @@ def _shown(
     shares = [evidence.limb_shares(evidence.draw(pose, problem))[limb] for pose in poses]
     shown = np.array(shares) >= retry.hidden
     best = int(np.argmin(np.where(shown, totals, np.inf)))
-    if not shown[best] or totals[best] > totals[0] + retry.near:
+    if not shown[best] or totals[best] > totals[0] + NEAR:
         return poses[0]
-    if totals[best] <= totals[0] + retry.slack:
+    if totals[best] <= totals[0] + SLACK:
         return poses[best]
     both = [pose if refinement is None else refinement(frame, pose, history)[0] for pose in (poses[0], poses[best])]
     refined, _ = search.score(problem, both)
-    return poses[best] if refined[1] <= refined[0] + retry.slack else poses[0]
+    return poses[best] if refined[1] <= refined[0] + SLACK else poses[0]

@@ -43,3 +43,10 @@ class TrackingState(NamedTuple):
     recent: tuple[Tracked, ...] = ()
     passed_over: tuple[FrameResult, ...] = ()
     lost: bool = False
+
+
+def known(state: TrackingState) -> tuple[MotionHistory, FrameImages]:
+    """Return the history and the previous images, which every state after the first frame holds."""
+    assert state.history is not None
+    assert state.previous is not None
+    return state.history, state.previous

@@ -12,6 +12,9 @@ from jaxmocap.search import DrawnPose, Evidence
 
 from ._signals import FrameSignals
 
+LEAST_PIXELS = 30
+"""Pixels of a body below which its confidence is that of the nearest ancestor with more."""
+
 
 @dataclass(frozen=True)
 class FrameVerdict:
@@ -40,9 +43,6 @@ class VerdictSettings:
         joint_deviation: metres that a joint's standard deviation along one axis may be, median over the body.
         lost: cost of the covered pixels above which a frame is lost.
         top_speed: metres per second of the root above which a frame is doubtful, and at twice of which it is lost.
-        least_pixels: pixels of a body below which its confidence is that of the nearest ancestor with more.
-        view_gap: metres that two views may show the body's surface apart, in the median over it, and agree.
-        matched: share of the surface at which two views that agree show the same.
         steady: frames whose median counts for what is measured of a frame, and for cameras that contradict the others.
         confidence: what a landmark of a doubtful frame has at most, unless only the pictures tell too little.
     """
@@ -53,9 +53,6 @@ class VerdictSettings:
     joint_deviation: float = 0.009
     lost: float = 0.55
     top_speed: float = 15.0
-    least_pixels: int = 30
-    view_gap: float = 0.01
-    matched: float = 0.25
     steady: int = 5
     confidence: float = 0.25
 
@@ -73,7 +70,7 @@ def judge_frame(evidence: Evidence, drawn: DrawnPose, settings: VerdictSettings,
     overall = float(drawn.costs[covered].mean())
     general = float(np.clip(1.25 - 1.75 * overall, 0.0, 1.0))
     for index, parent in enumerate(skeleton.parents):
-        if count[index] < settings.least_pixels:
+        if count[index] < LEAST_PIXELS:
             confidence[index] = confidence[parent] if parent >= 0 else general
     status = "ok"
     if overall > settings.lost or speed > 2 * settings.top_speed:

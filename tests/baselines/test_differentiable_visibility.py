@@ -11,6 +11,7 @@ import pytest
 from jaxmocap.baselines import DifferentiableVisibility, GaussianVisibility, descend, gaussian_visibility, method
 from jaxmocap.character import clamp, difference, retract, skin
 from jaxmocap.energies import SearchEnergy, soft_score
+from jaxmocap.geometry import intersection_over_union
 from jaxmocap.observation import draw
 from jaxmocap.render import SoftSettings
 from jaxmocap.search import PoseScore
@@ -70,7 +71,7 @@ def silhouette(world, term):
 def test_the_silhouette_of_the_gaussians_is_about_the_mesh_s(world, silhouette):
     covered = np.asarray(draw(world.character, world.pose(FRAME), world.problem(FRAME))[1])[:, ::STEP, ::STEP] >= 0
     assert silhouette.sum() / covered.sum() == pytest.approx(1.0, abs=0.05)
-    assert ((silhouette > 0.5) & covered).sum() / ((silhouette > 0.5) | covered).sum() > 0.9
+    assert intersection_over_union(np.concatenate(silhouette > 0.5), np.concatenate(covered)) > 0.9
 
 
 def test_a_body_out_of_sight_pays_for_the_background_and_for_hiding_beside_the_rectangle_of_a_larger_picture(

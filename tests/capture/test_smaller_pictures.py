@@ -10,6 +10,7 @@ from small_captures import MATRIX, PERSON, POSES, make_video, number_of, write_m
 from jaxmocap._results import InputError
 from jaxmocap.camera import project, read_cameras
 from jaxmocap.capture import Capture, check, content_hash
+from jaxmocap.geometry import intersection_over_union
 
 LARGE = (128, 96)
 DISTORTION = "0.05 -0.01"
@@ -69,7 +70,7 @@ def test_images_and_masks_have_the_smaller_size(large: Path):
     back = capture.recorded_mask(1, mask)
     given = recorded.recorded_mask(1, recorded.mask(1, 6))  # pyright: ignore[reportArgumentType]
     assert back.shape == given.shape == LARGE[::-1]
-    assert (back & given).sum() / (back | given).sum() > 0.85
+    assert intersection_over_union(back, given) > 0.85
 
 
 def test_the_size_comes_from_the_configuration_and_counts_as_content(large: Path):

@@ -14,7 +14,7 @@ from scipy.io import savemat
 from jaxmocap._results import InputError
 from jaxmocap.capture import Capture
 from jaxmocap.datasets import DATASETS, import_dataset, read_calibration
-from jaxmocap.datasets._sequence import read_c3d
+from jaxmocap.datasets._read_files import read_c3d
 from jaxmocap.viewers import open_video
 
 SIZE = (64, 48)

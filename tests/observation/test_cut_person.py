@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jaxmocap.geometry import intersection_over_union as overlap
 from jaxmocap.observation import (
     CutSettings,
     _cut_person,
@@ -16,10 +17,6 @@ from jaxmocap.observation import (
 )
 
 SHIFTED, LEAST, GAIN = 0.85, 0.87, 0.03
-
-
-def overlap(a: np.ndarray, b: np.ndarray) -> float:
-    return (a & b).sum() / (a | b).sum()
 
 
 @pytest.fixture(scope="module")

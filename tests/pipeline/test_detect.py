@@ -21,7 +21,7 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check
 from jaxmocap.detection import FollowedPerson, Weights
-from jaxmocap.pipeline import _detect, detect
+from jaxmocap.pipeline import _detect, _follow_video, detect
 from jaxmocap.pipeline._view_agreement import agreeing, refuse_views_of_different_people
 
 COUNT = 8
@@ -80,16 +80,16 @@ def marked(filmed, tmp_path) -> Path:
 def followed(monkeypatch) -> list[tuple[int, ...]]:
     """The model that reads marks, and the frames it has been shown."""
     shown = []
-    follow = _detect.follow_person
+    follow = _follow_video.follow_person
 
     def recorded(pictures, model, **options):
         shown.append(tuple(options["frames"]))
         return follow(pictures, model, **options)
 
     monkeypatch.setattr(_detect, "require_runner", lambda: None)
-    monkeypatch.setattr(_detect, "get_weights", lambda *_: Weights("heavy", {"person": b"1", "landmarks": b"2"}))
-    monkeypatch.setattr(_detect, "open_model", lambda weights: MODEL)
-    monkeypatch.setattr(_detect, "follow_person", recorded)
+    monkeypatch.setattr(_follow_video, "get_weights", lambda *_: Weights("heavy", {"person": b"1", "landmarks": b"2"}))
+    monkeypatch.setattr(_follow_video, "open_model", lambda weights: MODEL)
+    monkeypatch.setattr(_follow_video, "follow_person", recorded)
     return shown
 
 
@@ -160,10 +160,10 @@ def test_a_camera_that_was_cut_off_goes_on_to_the_same_bytes(marked, followed, m
     film(marked / "right.mp4", [draw(place("right", frame), place("left", frame), radius=5) for frame in range(30)])
     whole = Path(shutil.copytree(marked, tmp_path / "whole"))
     detect(whole)
-    monkeypatch.setattr(_detect, "_EVERY", 0.0)
-    read, reading = [], _detect.FrameReader.read
+    monkeypatch.setattr(_follow_video, "_EVERY", 0.0)
+    read, reading = [], _follow_video.FrameReader.read
     monkeypatch.setattr(
-        _detect.FrameReader, "read", lambda reader, frame: (read.append(frame), reading(reader, frame))[1]
+        _follow_video.FrameReader, "read", lambda reader, frame: (read.append(frame), reading(reader, frame))[1]
     )
     for name, count in (("left", 9), ("left", 20), ("right", 4)):
 
@@ -188,7 +188,7 @@ def test_a_camera_that_was_cut_off_goes_on_to_the_same_bytes(marked, followed, m
 
 
 def test_what_was_seen_of_somebody_else_or_is_damaged_is_not_gone_on_with(marked, followed, monkeypatch):
-    monkeypatch.setattr(_detect, "_EVERY", 0.0)
+    monkeypatch.setattr(_follow_video, "_EVERY", 0.0)
 
     def cut_off(stage, done, total):
         if done == 5:

@@ -11,7 +11,8 @@ from perturbed import perturbed, vertex_errors
 from jaxmocap.character import retract
 from jaxmocap.observation import draw, full_image_ids
 from jaxmocap.refinement import FlowSettings, Rows, Source, descend, free_prior, surface_flow
-from jaxmocap.refinement._surface_flow import pick_samples, textured
+from jaxmocap.refinement._compare import textured
+from jaxmocap.refinement._surface_flow import pick_samples
 from jaxmocap.refiners import Shooting
 
 FRAME, SELECTED = 2, 1

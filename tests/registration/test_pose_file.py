@@ -7,7 +7,7 @@ import pytest
 
 from jaxmocap._results import InputError
 from jaxmocap.character import pose_vector
-from jaxmocap.registration import apply_overrides, intersection_over_union, read_pose_file
+from jaxmocap.registration import apply_overrides, read_pose_file
 
 
 def write(tmp_path, text):
@@ -93,11 +93,3 @@ def test_unknown_names_and_angles_beyond_their_limits_are_refused(world):
         apply_overrides(world.character, world.pose(0), {"l_knee_flex": upper + 1})
     moved, (index,) = apply_overrides(world.character, world.pose(0), {"l_knee_flex": upper})
     np.testing.assert_allclose(moved.angles[index - 6], np.deg2rad(upper), atol=1e-5)
-
-
-def test_intersection_over_union_of_known_squares():
-    ids, mask = np.full((10, 10), -1), np.zeros((10, 10), bool)
-    ids[:4, :4], mask[2:6, :4] = 3, True
-    assert intersection_over_union(ids, mask) == pytest.approx(8 / 24)
-    assert intersection_over_union(ids, ids >= 0) == 1
-    assert np.isnan(intersection_over_union(np.full((3, 3), -1), np.zeros((3, 3), bool)))

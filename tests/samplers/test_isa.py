@@ -93,7 +93,7 @@ def test_selection_keeps_the_share_of_each_particle_in_proportion_to_its_weight(
 
 def test_beta_reaches_a_known_effective_sample_size():
     gaps = energy_gaps(jnp.array([2.0, 2.0, 2.5, jnp.nan]))
-    beta = beta_for_effective_sample_size(gaps, jnp.asarray(0.6), jnp.asarray(1e-2), jnp.asarray(1e7))
+    beta = beta_for_effective_sample_size(gaps, jnp.asarray(0.6))
     weights = boltzmann_weights(gaps, beta)
     np.testing.assert_allclose(effective_sample_size(weights), 0.6 * 4, rtol=1e-4)
     assert weights[3] == 0

@@ -1,17 +1,51 @@
 """Settings by name."""
 
+import inspect
+from dataclasses import fields, is_dataclass
+from typing import get_args, get_type_hints
+
 import jax.numpy as jnp
 import pytest
 
 from jaxmocap._results import InputError
 from jaxmocap.appearance import AppearanceSettings
+from jaxmocap.clip import ClipPlan
+from jaxmocap.energies import Keypoints
+from jaxmocap.refinement import FlowSettings
 from jaxmocap.refiners import Shooting
+from jaxmocap.render import SoftSettings
 from jaxmocap.samplers import CrossEntropy, InteractingSimulatedAnnealing, RandomSearch
-from jaxmocap.search import Retry, SearchPlan
+from jaxmocap.search import PolishPlan, Retry, SearchPlan
 from jaxmocap.track import BackwardSearch, Tracker, with_settings
 from jaxmocap.verdict import UncertaintySettings
 
 NORMAL = Tracker.preset("normal")
+
+
+def records(part, kind=None):
+    """The settings records of a part and of all below it, those that are off switched on."""
+    if part is None:
+        part = next((one() for one in get_args(kind) if is_dataclass(one)), None)
+    if isinstance(part, tuple):
+        return [found for one in part for found in records(one)]
+    if not is_dataclass(part):
+        return []
+    kinds = get_type_hints(type(part))
+    return [type(part), *(one for f in fields(part) for one in records(getattr(part, f.name), kinds[f.name]))]
+
+
+def test_every_setting_is_explained():
+    """`--set` reaches each of them: it has a line of its own where its record is explained."""
+    parts = [NORMAL, *(kind() for kind in (CrossEntropy, RandomSearch, Shooting, Keypoints))]
+    known = {record for part in parts for record in records(part)}
+    assert {Tracker, Retry, PolishPlan, SoftSettings, FlowSettings, ClipPlan} < known
+    unsaid = [
+        f"{record.__name__}.{field.name}"
+        for record in known
+        for field in fields(record)
+        if f"\n    {field.name}: " not in inspect.cleandoc(record.__doc__ or "")
+    ]
+    assert unsaid == []
 
 
 def test_a_plan_that_is_off_is_turned_on_and_changed_by_name():
