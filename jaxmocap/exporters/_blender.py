@@ -45,7 +45,7 @@ def write_blender(motion: Motion, path: Path, form: ExportForm) -> None:
                 lens = np.asarray(cameras.intrinsics[index], float).tolist()
                 job["cameras"][f"jaxmocap_camera_{index}"] = {"name": name, "size": list(size), "intrinsics": lens}
             counted = replace(counted, cameras=replace(cameras, names=tuple(job["cameras"])))  # none of the actor's
-        write_glb(counted, place / "scene.glb", replace(form, name="scene.glb"))
+        write_glb(counted, place / "scene.glb", form)
         (place / "job.json").write_text(json.dumps(job), encoding="utf-8")
         own = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
         done = subprocess.run(

@@ -63,12 +63,14 @@ class ResultViewer:
     def __init__(self, server: Any, shown: Shown):
         self._server, self.shown = server, shown
         self.position = -1
-        self._lock, self._stopped, self._asked = threading.RLock(), threading.Event(), threading.Event()
+        self._lock, self._stopped = threading.RLock(), threading.Event()
+        self._asked, self._rests = threading.Event(), threading.Event()
         self._build_scene()
         self._build_panel()
         self.go(0)
         server.on_client_connect(lambda client: self._cameras.welcome(client, self.position, self._view_index()))
-        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._play_along, self._follow)]
+        works = (self._play_along, self._follow, self._illustrate)
+        self._threads = [threading.Thread(target=work, daemon=True) for work in works]
         for thread in self._threads:
             thread.start()
 
@@ -106,6 +108,7 @@ class ResultViewer:
         if not self._stopped.is_set():
             self._stopped.set()
             self._asked.set()
+            self._rests.set()
             for thread in self._threads:
                 thread.join(timeout=2)
             self._server.stop()
@@ -216,11 +219,17 @@ class ResultViewer:
             self._cameras.place(index, self._view_index(), self._with_cameras.value)
         self._server.flush()
 
-    def _draw_rest(self) -> None:
-        """Draw what takes longer: the images and the curves."""
-        index = self.position
+    def _wanted_images(self) -> tuple[int, int | None, bool]:
+        """Return the position, the camera that is looked through, and whether images are shown at all."""
+        through = self._view_index()
+        return self.position, through, self._with_images.value and (through is not None or self._with_cameras.value)
+
+    def _draw_rest(self, images: dict[int, np.ndarray] | None = None) -> None:
+        """Draw what takes longer: the images, read unless given, and the curves."""
+        index, through, _ = wanted = self._wanted_images()
+        images = self._cameras.read_images(*wanted) if images is None else images
         with self._server.atomic():
-            self._cameras.show_images(index, self._view_index(), self._with_images.value)
+            self._cameras.show_images(index, through, images)
             for plot, x, values in self._plots:
                 now = np.full(len(x), np.min(values))
                 now[index] = np.max(values)  # a spike where the slider is
@@ -255,12 +264,11 @@ class ResultViewer:
         return None if self._eye.value == _FREE else self.shown.camera_names.index(self._eye.value)
 
     def _follow(self) -> None:
-        """Draw where the slider is, always the latest place; images and curves where it rests."""
+        """Draw the bodies where the slider is, always at the latest place."""
         late = False
         while not self._stopped.is_set():
             if not self._asked.wait(_REST if late else None):
-                with self._lock:
-                    self._draw_rest()
+                self._rests.set()
                 late = False
                 continue
             self._asked.clear()
@@ -269,6 +277,19 @@ class ResultViewer:
                 if position != self.position and position < len(self.shown.motion):
                     self.position, late = position, True
                     self._draw_bodies()
+
+    def _illustrate(self) -> None:
+        """Draw images and curves where the slider rests; the bodies go on while the images are decoded."""
+        while True:
+            self._rests.wait()
+            if self._stopped.is_set():
+                return
+            self._rests.clear()
+            wanted = self._wanted_images()
+            images = self._cameras.read_images(*wanted)
+            with self._lock:
+                if wanted == self._wanted_images():
+                    self._draw_rest(images)
 
     def _play_along(self) -> None:
         times = self.shown.motion.timestamps

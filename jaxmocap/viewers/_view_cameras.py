@@ -44,18 +44,22 @@ class CameraViews:
             for client in self._server.get_clients().values():
                 self.lead(client, position, through)
 
-    def show_images(self, position: int, through: int | None, with_images: bool) -> None:
+    def read_images(self, position: int, through: int | None, with_images: bool) -> dict[int, np.ndarray]:
+        """Decode what `show_images` needs of a position, by camera; nothing is drawn."""
+        if not with_images:
+            return {}
+        sides = {through: _ON_SCREEN} if through is not None else dict.fromkeys(range(len(self.frusta)), _IN_FRUSTUM)
+        read = {index: self._shown.image(index, position, side) for index, side in sides.items()}
+        return {index: image for index, image in read.items() if image is not None}
+
+    def show_images(self, position: int, through: int | None, images: dict[int, np.ndarray]) -> None:
         """Show what the cameras saw, in the frusta or behind the person for who looks `through` one."""
         for index, (frustum, screen) in enumerate(zip(self.frusta, self.screens, strict=True)):
-            screen.visible = through == index and with_images
-            if not (screen.visible or frustum.visible):
-                continue
-            side = _ON_SCREEN if screen.visible else _IN_FRUSTUM
-            image = self._shown.image(index, position, side) if with_images else None
-            if screen.visible and image is not None:
-                self._place_screen(index, position, screen, image)
-            elif frustum.visible:
-                frustum.image = image
+            screen.visible = through == index and index in images
+            if screen.visible:
+                self._place_screen(index, position, screen, images[index])
+            elif through is None:
+                frustum.image = images.get(index)
 
     def lead(self, client: Any, position: int, through: int | None) -> None:
         """Put a visitor's eye where a camera was; or, free, where person, ground and cameras are seen from outside."""

@@ -1,6 +1,7 @@
 """Motions on rigs of other people: directions, path, feet that stand, names, and what is refused."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -266,6 +267,14 @@ def test_the_command_writes_files_of_one_rig(result, tmp_path, capsys):
     assert [Path(row["file"]) for row in json.loads(out)["files"]] == files
     assert err.count("as the legs of stranger.glb are") == 2
     assert "mixamorig:LeftForeArm" in files[1].read_text()
+
+
+def test_what_is_said_names_the_file_asked_for_where_blender_writes_it(standing, tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXMOCAP_BLENDER", sys.executable)  # which has no bpy of its own
+    said = []
+    with pytest.raises(InputError, match="Blender could not write"):
+        export(standing, tmp_path / "dance.fbx", rig=stranger(tmp_path / "stranger.glb"), say=said.append)
+    assert said[0].startswith("dance.fbx: the path is scaled")
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The viewer: what it shows at each frame, whom it lets in, and what it says about what is not there."""
 
+import threading
 import time
 import urllib.request
 from collections import defaultdict
@@ -429,9 +430,13 @@ def test_a_body_follows_the_slider_and_slow_images_wait_until_it_rests(viewer, m
     viewer.go(0)
     images, bodies = [], []
     monkeypatch.setattr(viewer._body, "draw", lambda index, *_: bodies.append(index))
-    monkeypatch.setattr(
-        viewer._cameras, "show_images", lambda index, *_: (images.append(index), viewer._stopped.wait(0.2))
-    )
+
+    def slowly(index, *_):
+        images.append(index)
+        time.sleep(0.2)
+        return {}
+
+    monkeypatch.setattr(viewer._cameras, "read_images", slowly)
     for turn in range(1, 40):
         viewer._slider.value = turn % FRAMES
         time.sleep(0.01)
@@ -441,3 +446,24 @@ def test_a_body_follows_the_slider_and_slow_images_wait_until_it_rests(viewer, m
         time.sleep(0.01)
     assert bodies[-1] == 39 % FRAMES
     assert len(images) < len(bodies) / 3  # images wait until the slider rests
+
+
+def test_a_body_goes_on_while_the_images_of_an_earlier_place_are_decoded(viewer, monkeypatch):
+    viewer.go(0)
+    drawn, decoding = {}, threading.Event()
+    monkeypatch.setattr(viewer._body, "draw", lambda index, *_: drawn.setdefault(index, time.perf_counter()))
+
+    def slowly(*_):
+        decoding.set()
+        time.sleep(2)
+        return {}
+
+    monkeypatch.setattr(viewer._cameras, "read_images", slowly)
+    viewer._slider.value = 1
+    assert decoding.wait(5)
+    moved = time.perf_counter()
+    viewer._slider.value = 2
+    while 2 not in drawn:
+        assert time.perf_counter() - moved < 5
+        time.sleep(0.01)
+    assert drawn[2] - moved < 1  # not after the images of position 1
