@@ -131,8 +131,8 @@ class _World:
         faces = truth.character.faces
         ids, _ = face_ids(vertices, faces, view.intrinsics, view.cam_from_world, origins, height, width)
         drawn, true = np.asarray(ids) >= 0, truth.masks[0]
-        overlap = float(intersection_over_union(drawn, true))
-        return overlap > 0.95, f"the drawn body overlaps with its true mask by {100 * overlap:.1f} %"
+        overlap = float(intersection_over_union(drawn, true).min())
+        return overlap > 0.95, f"the drawn body overlaps with its true masks by {100 * overlap:.1f} %"
 
     def energy_of_truth(self) -> tuple[bool, str]:
         moves = jnp.zeros((_PARTICLES, 3)).at[1, 0].set(_OFF)  # as many as the search scores: one program for both
