@@ -5,12 +5,16 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TypeVar
 
+_Item = TypeVar("_Item")
+_Answer = TypeVar("_Answer")
 _RECORDED = ("jaxmocap", "jax", "jaxlib", "equinox", "optimistix", "numpy", "opencv-python-headless", "av")
 _EMITTERS, _VECTORS = "xla_cpu_use_fusion_emitters", "xla_cpu_prefer_vector_width"
 _SHORTEST_COMPILATION = 0.0  # seconds: hundreds of small programs take longer to compile than to read
@@ -97,6 +101,25 @@ def versions(packages: Sequence[str] = _RECORDED) -> dict[str, str]:
 def cores() -> int:
     """Count the cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def side_by_side(function: Callable[[_Item], _Answer], items: Sequence[_Item]) -> Iterator[_Answer]:
+    """Call a function of every item in threads, one per core, and give the answers in order.
+
+    What JAX holds for the calling thread alone (`jax.enable_x64`, `jax.default_device`, `jax.default_matmul_precision`
+    as contexts) holds in the threads, too.
+    """
+    import jax
+
+    held = ("jax_enable_x64", "jax_default_device", "jax_default_matmul_precision")
+    wide, device, precision = (getattr(jax.config, name) for name in held)
+
+    def one(item: _Item) -> _Answer:
+        with jax.enable_x64(wide), jax.default_device(device), jax.default_matmul_precision(precision):
+            return function(item)
+
+    with ThreadPoolExecutor(max(min(cores(), len(items)), 1)) as pool:
+        yield from pool.map(one, items)
 
 
 def cache_folder(name: str) -> Path:

@@ -143,7 +143,7 @@ class _CachedJit:
         self.options = options
         self.on_cpu = on_cpu
         self.programs: dict[Any, Program | None] = {}
-        self.lock = threading.Lock()
+        self.lock = threading.RLock()
 
     @functools.cached_property
     def traced(self) -> Callable[..., Any]:

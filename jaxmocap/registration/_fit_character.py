@@ -1,7 +1,6 @@
 """A generic character made to the measure of the filmed person, from keypoints and masks of a few frames."""
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TypeVar
 
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
-from jaxmocap._runtime import cores
+from jaxmocap._runtime import side_by_side
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject
 from jaxmocap.character import BodyShape, Character, Pose, clamp, scaled, stature
@@ -93,14 +92,12 @@ def fit_character(
 
     base, rays = [], []
     tell("poses", 0, len(chosen))
-    with ThreadPoolExecutor(min(cores(), len(chosen))) as pool:
-        for frame, pose in zip(chosen, pool.map(first_pose, chosen), strict=True):
-            view, seen = cameras.at(frame), jnp.asarray(stacked_keypoints(_keypoints(capture, frame)))
-            scale = settings.keypoint_scale
-            lines = keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale, table=_POINTS)
-            base.append(pose)
-            rays.append(lines)
-            tell("poses", len(base), len(chosen))
+    for frame, pose in zip(chosen, side_by_side(first_pose, chosen), strict=True):
+        view, seen = cameras.at(frame), jnp.asarray(stacked_keypoints(_keypoints(capture, frame)))
+        scale = settings.keypoint_scale
+        base.append(pose)
+        rays.append(keypoint_rays(character.skeleton, view.intrinsics, view.cam_from_world, seen, scale, table=_POINTS))
+        tell("poses", len(base), len(chosen))
     measured = None if height is None else jnp.asarray(height, jnp.float32)
     problem = ShapeProblem(character, FramesSeen(_stacked(base), _stacked(rays)), settings.prior, measured)
     masks = [[capture.mask(c, frame) for c in range(cameras.num_cameras)] for frame in chosen]

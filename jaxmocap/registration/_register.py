@@ -2,7 +2,6 @@
 needed."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
-from jaxmocap._runtime import cores
+from jaxmocap._runtime import side_by_side
 from jaxmocap._shapes import check_key
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, check_subject, choose_frames
@@ -195,8 +194,7 @@ def register(
     tell = progress or (lambda stage, done, total: None)
     tell("register", 0, len(frames))
     found: dict[int, Registration] = {}
-    with ThreadPoolExecutor(max(min(cores(), len(frames)), 1)) as pool:
-        for frame, registration in zip(frames, pool.map(one, frames), strict=True):
-            found[frame] = registration
-            tell("register", len(found), len(frames))
+    for frame, registration in zip(frames, side_by_side(one, frames), strict=True):
+        found[frame] = registration
+        tell("register", len(found), len(frames))
     return found

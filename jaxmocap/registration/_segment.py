@@ -2,14 +2,13 @@
 paper draws them by hand)."""
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import jax
 import numpy as np
 from jaxtyping import Bool, PRNGKeyArray
 
-from jaxmocap._runtime import cores
+from jaxmocap._runtime import side_by_side
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, choose_frames
 from jaxmocap.character import Character, Pose, skin
@@ -119,10 +118,9 @@ def segment_person(
 
     progress("masks", 0, len(frames))
     result: PersonMasks = {}
-    with ThreadPoolExecutor(max(min(cores(), len(frames)), 1)) as pool:
-        for frame, masks in zip(frames, pool.map(one, frames), strict=True):
-            result[frame] = masks
-            progress("masks", len(result), len(frames))
+    for frame, masks in zip(frames, side_by_side(one, frames), strict=True):
+        result[frame] = masks
+        progress("masks", len(result), len(frames))
     return result
 
 
