@@ -20,7 +20,7 @@ from ._graph_cut import GridCut as GridCut
 from ._hasler import SegmentAndFit as SegmentAndFit
 from ._image_gaussians import image_gaussians as image_gaussians
 from ._keypoint_fit import KeypointFit as KeypointFit
-from ._keypoints import KeypointTriangulation as KeypointTriangulation
+from ._keypoints import KeypointTriangulation as KeypointTriangulation, without_keypoints as without_keypoints
 from ._optimisers import (
     CovarianceMatrixAdaptation as CovarianceMatrixAdaptation,
     annealed_particle_filter as annealed_particle_filter,

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxmocap._results import InputError
+from jaxmocap.capture import Capture
 from jaxmocap.character import Character, Pose, clamp, landmark_positions, retract
 from jaxmocap.motion import MotionHistory
 from jaxmocap.observation import BODY_25, Frame, Observations
@@ -24,11 +25,16 @@ _SCALE, _ROBUST = 0.02, 0.15
 def asked_for_keypoints(observations: Observations, needed_by: str) -> Observations:
     """Return the observations if they hold detections. Raises `InputError` where they do not."""
     if observations.detections is None:
-        raise InputError(
-            f"capture '{observations.capture.name}' comes without keypoints at every frame, which {needed_by} needs; "
-            "name a folder of OpenPose BODY_25 files with --detections."
-        )
+        raise without_keypoints(observations.capture, needed_by)
     return observations
+
+
+def without_keypoints(capture: Capture, needed_by: str) -> InputError:
+    """Say that a capture has no keypoints at every frame, and what to do."""
+    return InputError(
+        f"capture '{capture.name}' comes without keypoints at every frame, which {needed_by} needs; find them with "
+        "jaxmocap detect, or give observe a folder of them as detections."
+    )
 
 
 class LandmarkPoints(eqx.Module):

@@ -16,7 +16,7 @@ from jaxmocap._results import InputError
 from jaxmocap._runtime import versions
 from jaxmocap._types import Quality
 from jaxmocap.appearance import Appearance, appearance_preset
-from jaxmocap.baselines import METHODS, method
+from jaxmocap.baselines import METHODS, method, without_keypoints
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture, Detections, config_path, content_hash
 from jaxmocap.character import Character, Pose
@@ -87,13 +87,11 @@ def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
     prepared = _prepare(folder, run.inputs, run.seed)
     capture = prepared.capture
     appearance = _appearance(folder, run.inputs, run.seed, run.quality, tuple(sorted(run.appearance.items())))
-    detections = None
-    if (capture.folder / DETECTIONS).is_dir():
-        detections = Detections.open(capture, capture.folder / DETECTIONS)
+    detections = _detections(capture)
     observations = observe(capture, prepared.cameras, prepared.character, appearance, prepared.key_poses, detections)
     tracker = tracker_of(run)
     if isinstance(tracker, Tracker) and tracker.detections is not None and detections is None:
-        raise InputError(f"'{capture.name}' has no folder {DETECTIONS} with keypoints, which '{run.method}' needs.")
+        raise without_keypoints(capture, f"'{run.method}'")
     ready = time.perf_counter()
     results = track_frames(observations, tracker, key=jax.random.fold_in(key, 3), frames=run.frames)
     plan = clip_plan(tracker)
@@ -108,6 +106,16 @@ def perform(run: Run, captures: Path) -> tuple[dict[str, Any], Motion]:
             own |= {column.replace("_cm", f"_{name}_cm"): found[column] for column in MEANS}
         record |= own
     return record, motion
+
+
+def _detections(capture: Capture) -> Detections | None:
+    """Open keypoints of more than the selected frames: the suite's own, or the capture's, as `detect` leaves them."""
+    if (capture.folder / DETECTIONS).is_dir():
+        return Detections.open(capture, capture.folder / DETECTIONS)
+    found = {frame for camera in range(capture.num_cameras) for frame in capture.keypoint_frames(camera)}
+    if capture.keypoints_folder is None or found <= set(capture.selected_frames or ()):
+        return None
+    return Detections.open(capture, capture.keypoints_folder)
 
 
 def _record(
