@@ -50,7 +50,7 @@ def write_report(
 
 
 def error_curves(curves: Mapping[str, tuple[Sequence[int], Sequence[float]]], most: float | None = None) -> str:
-    """Draw centimetres over frame numbers, a line per name, as an inline SVG; what is above `most` is cut off."""
+    """Draw centimetres over frame numbers, a line per name, as an inline SVG; what is above `most` lies on it."""
     points = {name: np.asarray(values, float) for name, (_, values) in curves.items()}
     frames = np.concatenate([np.asarray(numbers) for numbers, _ in curves.values()])
     first, last = float(frames.min()), float(max(frames.max(), frames.min() + 1))
@@ -107,7 +107,7 @@ def _html(
 ) -> str:
     parts = [f"<h1>{escape(title)}</h1>", *(f"<p>{escape(note)}</p>" for note in notes)]
     compared = [row for row in rows if row["experiment"] == "comparison"]
-    own = 2 if compared else 0
+    own = len(tables_of(compared))
     parts += [_table(table) for table in tables[:own]]
     if compared:
         parts += [_curves(compared), _overlays(compared, out, captures)]
@@ -136,7 +136,10 @@ def _table(table: Table) -> str:
 
 
 def _curves(rows: Sequence[Row]) -> str:
-    """Per capture the error of every method over the frames, of the first seed."""
+    """Per capture the error of every method over the frames, of the first seed.
+
+    The axis ends at three times what half of the methods stay below, lest one that lost the person flatten the others.
+    """
     seed = min(row["seed"] for row in rows)
     methods = list(dict.fromkeys(row["value"] for row in rows))
     figures = []
@@ -148,12 +151,14 @@ def _curves(rows: Sequence[Row]) -> str:
             errors = row.get("error_per_frame_cm")
             known = [np.nan if error is None else error for error in errors or ()]
             curves[method] = (row["frame_numbers"], known) if errors else ([0], [np.nan])
-        if any(np.isfinite(value) for _, values in curves.values() for value in values):
-            figures.append(f"<figure>{error_curves(curves)}<figcaption>{escape(capture)}</figcaption></figure>")
+        largest = [max(known) for _, values in curves.values() if (known := [v for v in values if np.isfinite(v)])]
+        if largest:
+            most = min(max(largest), 3 * float(np.median(largest)))
+            figures.append(f"<figure>{error_curves(curves, most)}<figcaption>{escape(capture)}</figcaption></figure>")
     if not figures:
         return ""
-    seeds = f"seed {seed}"
-    return f"<h2>Marker error over the frames ({seeds})</h2>{_legend(methods)}<div class='two'>{''.join(figures)}</div>"
+    heading = f"<h2>Marker error over the frames (seed {seed}; what is larger than the axis lies on its end)</h2>"
+    return f"{heading}{_legend(methods)}<div class='two'>{''.join(figures)}</div>"
 
 
 def _legend(names: Sequence[str]) -> str:

@@ -116,6 +116,23 @@ def test_the_curve_of_a_constant_error_is_a_level_line():
     assert (second[0][1] - first[0][1]) == pytest.approx(first[0][1] - second[1][1], abs=0.11)
 
 
+def test_a_method_that_lost_the_person_does_not_flatten_the_curves_of_others(rows, tmp_path):
+    per_frame = {"ours": [1.0, 2.0], "posecut": [3.0, 4.0], "lost": [5.0, 400.0]}
+    rows = [row("comparison", name, "square", 0, 1.0) | {"error_per_frame_cm": of} for name, of in per_frame.items()]
+    page = write_report([one | {"frame_numbers": [0, 1]} for one in rows], tmp_path, {})[0].read_text()
+    heights = [float(line.split()[-1].split(",")[1]) for line in re.findall(r'points="([^"]*)"', page)]
+    assert heights[0] - heights[1] > 20  # pixels between 2 and 4 cm
+    assert heights[2] == 10.0  # the axis's end
+
+
+def test_the_comparison_has_all_its_tables_before_the_parts(rows, tmp_path):
+    for one in rows:
+        if one["status"] == "done" and one["experiment"] == "comparison":
+            one |= {f"marker_error_{of}_cm": one["marker_error_cm"] for of in ("by_frame", "solved")}
+    page = write_report(rows, tmp_path, {})[0].read_text()
+    assert page.index("solved as a clip") < page.index("One part or setting at a time")
+
+
 def test_unknown_errors_are_left_out_of_a_curve():
     picture = error_curves({"ours": ([0, 1, 2], [1.0, float("nan"), 3.0])})
     assert len(re.search(r'points="([^"]*)"', picture)[1].split()) == 2
