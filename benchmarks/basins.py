@@ -254,25 +254,34 @@ def table(name: str, trials: list[Trial], about: dict) -> str:
 
 
 def plot(path: Path, trials: dict[str, list[Trial]]) -> None:
-    """Draw where each start ended, and the cosine, over how far away it began; a column per story."""
+    """Draw where each start ended (dotted: where it began; grey: `HOME`), and the cosine; a column per story."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
     figure, axes = pyplot.subplots(2, len(trials), figsize=(5 * len(trials), 7), squeeze=False, sharey="row")
+    places = np.arange(len(AMOUNTS))
     for column, (story_name, some) in enumerate(trials.items()):
-        for shift, name in enumerate(dict.fromkeys(trial.energy for trial in some)):
+        names = list(dict.fromkeys(trial.energy for trial in some))
+        for number, name in enumerate(names):
             own = [trial for trial in some if trial.energy == name]
-            begun = np.array([trial.amount for trial in own]) * 1.08**shift
-            axes[0, column].scatter(begun, [trial.after for trial in own], s=9, label=name)
-            axes[1, column].scatter(begun, [trial.cosine for trial in own], s=9)
-        axes[0, column].plot(AMOUNTS, AMOUNTS, "k:", linewidth=1)
-        axes[0, column].set(xscale="log", yscale="log", title=story_name, ylabel="ended, cm")
-        axes[1, column].set(xscale="log", xlabel="begun, cm", ylabel="cosine of slope and way home")
-    axes[0, 0].legend()
-    figure.tight_layout()
-    figure.savefig(path, dpi=120)
+            beside = 0.15 * (number - (len(names) - 1) / 2)
+            begun = np.array([AMOUNTS.index(trial.amount) for trial in own]) + beside
+            axes[0, column].scatter(begun, [trial.after for trial in own], s=12, label=name)
+            axes[1, column].scatter(begun, [trial.cosine for trial in own], s=12)
+        axes[0, column].hlines(AMOUNTS, places - 0.35, places + 0.35, "k", "dotted", linewidth=1)
+        axes[0, column].axhline(HOME, color="grey", linewidth=1)
+        axes[0, column].set(yscale="log", title=story_name)
+        for axis in axes[:, column]:
+            axis.set_xticks(places, [f"{amount:g}" for amount in AMOUNTS])
+        axes[1, column].set(xlabel="begun, cm")
+    axes[0, 0].set_ylabel("ended, cm")
+    axes[0, 0].yaxis.set_major_formatter("{x:g}")
+    axes[1, 0].set_ylabel("cosine of slope and way home")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="upper center", ncol=4)
+    figure.tight_layout(rect=(0, 0, 1, 0.96))
+    figure.savefig(path, dpi=100)
 
 
 def main() -> int:
