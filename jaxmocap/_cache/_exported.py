@@ -68,13 +68,13 @@ def lowered(
         for place, array in zip(places, arrays, strict=True):
             filled[place] = array
         values, answer = jax.tree.flatten(function(*jax.tree.unflatten(tree, filled)))
-        if any(not eqx.is_array(value) or _weak(value) or _is_key(value) for value in values):
+        if any(not eqx.is_array(value) or shape_of(value)[-1] or _is_key(value) for value in values):
             raise TypeError("an answer that is no plain array would not come back as it was")
         answers.append(answer)
         return values
 
     flat.__name__ = function.__name__
-    weak = [_weak(array) for array in arrays]
+    weak = [shape_of(array)[-1] for array in arrays]
     specs = [jax.ShapeDtypeStruct(a.shape, a.dtype, weak_type=w) for a, w in zip(arrays, weak, strict=True)]
     exported = jax.export.export(jax.jit(flat))(*specs)
     answer = jax.tree.unflatten(answers[-1], list(range(len(exported.out_avals))))
@@ -107,17 +107,13 @@ def loaded(stored: dict[str, Any], compile_it: bool = False) -> Program:
     return jitted, jax.tree.structure(stored["answer"])
 
 
-def _weak(array: Any) -> bool:
-    return bool(getattr(array, "weak_type", False))
-
-
 def _is_key(array: Any) -> bool:
     return jax.dtypes.issubdtype(array.dtype, jax.dtypes.prng_key)
 
 
 def shape_of(array: Any) -> tuple[str, tuple[int, ...], bool]:
     """Describe an array by what a program is traced for: type, shape, and whether its type is weak."""
-    return str(array.dtype), tuple(array.shape), _weak(array)
+    return str(array.dtype), tuple(array.shape), bool(getattr(array, "weak_type", False))
 
 
 def configuration() -> dict[str, str]:

@@ -81,36 +81,31 @@ def export(
     json: Json = False,
 ) -> int:
     """Write the motion for other programs: Blender, Unreal, OpenSim, Mokka, COLMAP, spreadsheets."""
-    from jaxmocap.exporters import EXPORTERS, check_rig, checked_exporter, export_motion
+    from jaxmocap.exporters import EXPORTERS, ExportForm, checked_exporter, export_motion
     from jaxmocap.motion import Motion
 
     if not to:
         raise InputError("--to names no file; give one at least, such as --to dance.glb.")
     if len(set(to)) < len(to):
         raise InputError("--to names a file twice; give every file once.")
-    checked = {path: checked_exporter(path, EXPORTERS, units, up, frame_rate, mass, opensim_model) for path in to}
-    for path, exporter in checked.items():
-        check_rig(path, exporter, rig, actor, mapping)
+    form = ExportForm(
+        "",
+        frame_rate=frame_rate,
+        actor=actor,
+        mass=mass,
+        opensim_model=opensim_model,
+        rig=rig,
+        mapping=mapping,
+        say=say,
+    )
+    checked = {path: checked_exporter(path, EXPORTERS, units, up, form) for path in to}
     if opensim_model and not any(EXPORTERS[".osim"].driven is exporter for exporter in checked.values()):
         raise InputError("--opensim-model is for .osim, which --to does not name; add one, or leave the model out.")
     parts = {path: exporter.parts(path) for path, exporter in checked.items()}
     beside = {part: path for path in to for part in parts[path] if part != path}
     motion, forms = Motion.load(result), {}
     for path in sorted(to, key=beside.__contains__):
-        forms[path] = forms.get(beside.get(path)) or export_motion(
-            motion,
-            path,
-            EXPORTERS,
-            units=units,
-            up=up,
-            frame_rate=frame_rate,
-            actor=actor,
-            mass=mass,
-            opensim_model=opensim_model,
-            rig=rig,
-            mapping=mapping,
-            say=say,
-        )
+        forms[path] = forms.get(beside.get(path)) or export_motion(motion, path, EXPORTERS, units, up, form)
     written = [
         {"file": part, "units": forms[path].units, "up": forms[path].up, "frame_rate": forms[path].frame_rate}
         for path in to

@@ -1,9 +1,10 @@
 """Calibration of moving cameras from their videos: one metric COLMAP model with a pose per camera and frame.
 
 `_calibrate` goes from `_footage` to a model in a child process (`_child` runs `_worker`: `_features`, `_matching`,
-`_mapping`, `_registration`, `_trajectory`, `_uncertainty`), from there by `_subject` and `_scale` to the metric
-`_world`, and to the `_report`. `_refine` improves cameras with the tracked body: `_sightings` make a `_joint_scene`,
-which `_joint_adjustment` solves. `_in_place` does either to a capture on disk. `_pictures` are single ones, of a scan.
+`_mapping`, `_registration`, `_trajectory`, `_repair`, `_uncertainty`), from there by `_subject` and `_scale` to the
+metric `_world`, and to the `_report`. `_refine` improves cameras with the tracked body: `_sightings` make a
+`_joint_scene`, which `_joint_adjustment` solves. `_in_place` does either to a capture on disk. `_pictures` are single
+ones, of a scan.
 """
 
 from ._calibrate import (
@@ -12,7 +13,7 @@ from ._calibrate import (
     check_camera_distance as check_camera_distance,
     refuse_gaps as refuse_gaps,
 )
-from ._focal import PHONE_FOCAL as PHONE_FOCAL, usual_focal as usual_focal
+from ._focal import PHONE_FOCAL as PHONE_FOCAL, level_camera as level_camera, usual_focal as usual_focal
 from ._in_place import (
     adopt_cameras as adopt_cameras,
     calibrate_in_place as calibrate_in_place,

@@ -1,9 +1,13 @@
-"""First guesses of focal lengths: what a phone writes into its video, else what phones have."""
+"""First guesses: focal lengths by what a phone writes into its video, else what phones have, and a level camera."""
 
 import re
 from pathlib import Path
 
 import av
+import jax
+import numpy as np
+
+from jaxmocap.camera import Cameras
 
 PHONE_FOCAL = 0.9
 """Focal length of a phone that films, as a share of the longer side of its pictures: between 0.7 and 1.2."""
@@ -31,3 +35,12 @@ def told_focal(path: Path, size: tuple[int, int]) -> float | None:
         if _KEY.search(key) and number and 8 <= float(number[1]) <= 400:
             return float(number[1]) / _FULL_FRAME_DIAGONAL * float((size[0] ** 2 + size[1] ** 2) ** 0.5)
     return None
+
+
+def level_camera(name: str, size: tuple[int, int], focal: float, num_frames: int) -> Cameras:
+    """Place a camera without distortion at the world's origin that looks ahead, y up: what one video alone is given."""
+    intrinsics = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]], np.float32)
+    pose = np.diag([1.0, -1.0, -1.0, 1.0]).astype(np.float32)
+    poses = np.broadcast_to(pose, (1, num_frames, 4, 4))
+    asarray = jax.numpy.asarray
+    return Cameras((name,), (size,), asarray(intrinsics[None]), asarray(np.zeros((1, 5), np.float32)), asarray(poses))

@@ -8,7 +8,7 @@ from scipy.sparse import csr_array, vstack
 from scipy.spatial.transform import Rotation
 
 from ._levenberg_marquardt import Loss, factors, minimise
-from ._person_scene import JOINTS, RIGID, Keypoints
+from ._person_scene import JOINTS, RIGID, Beliefs, Keypoints, Noise
 
 _CAUCHY = 2.0  # standard deviations
 
@@ -25,36 +25,6 @@ class Rig(NamedTuple):
     cam_from_world: Float[np.ndarray, "camera 4 4"]
     focal: Float[np.ndarray, " camera"]
     late: Float[np.ndarray, " camera"]
-
-
-class Beliefs(NamedTuple):
-    """What is known beforehand, with standard deviations; 0 holds what it is about.
-
-    Attributes:
-        focal: lengths, pixels.
-        focal_deviation: relative, of each.
-        alike: of the ratio of two cameras' focal lengths over their guesses, relative.
-        late: of a clock, seconds.
-        bones: metres and relative deviation, by name.
-    """
-
-    focal: Float[np.ndarray, " camera"]
-    focal_deviation: Float[np.ndarray, " camera"]
-    alike: float
-    late: float
-    bones: dict[str, tuple[float, float]]
-
-
-class Noise(NamedTuple):
-    """How exact keypoints are.
-
-    Attributes:
-        sigma: standard deviation by camera, pixels.
-        weight: of a frame, below 1 where keypoints of neighbouring frames err alike.
-    """
-
-    sigma: Float[np.ndarray, " camera"]
-    weight: float
 
 
 class PersonFit(NamedTuple):

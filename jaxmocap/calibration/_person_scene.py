@@ -74,6 +74,36 @@ class Keypoints(NamedTuple):
         return self.seen.sum(axis=0) >= 2
 
 
+class Beliefs(NamedTuple):
+    """What is known beforehand, with standard deviations; 0 holds what it is about.
+
+    Attributes:
+        focal: lengths, pixels.
+        focal_deviation: relative, of each.
+        alike: of the ratio of two cameras' focal lengths over their guesses, relative.
+        late: of a clock, seconds.
+        bones: metres and relative deviation, by name.
+    """
+
+    focal: Float[np.ndarray, " camera"]
+    focal_deviation: Float[np.ndarray, " camera"]
+    alike: float
+    late: float
+    bones: dict[str, tuple[float, float]]
+
+
+class Noise(NamedTuple):
+    """How exact keypoints are.
+
+    Attributes:
+        sigma: standard deviation by camera, pixels.
+        weight: of a frame, below 1 where keypoints of neighbouring frames err alike.
+    """
+
+    sigma: Float[np.ndarray, " camera"]
+    weight: float
+
+
 def person_keypoints(
     body_25: Float[np.ndarray, "camera frame 25 3"], seconds: Float[np.ndarray, "camera frame"]
 ) -> Keypoints:

@@ -16,8 +16,8 @@ from jaxmocap._results import InputError
 from jaxmocap.geometry import align_cameras, camera_residuals
 
 from ._footage import Report
-from ._person_adjustment import Beliefs, Noise, PersonFit, Rig, adjust_person
-from ._person_scene import JOINTS, RIGID, Keypoints, body_size
+from ._person_adjustment import PersonFit, Rig, adjust_person
+from ._person_scene import JOINTS, RIGID, Beliefs, Keypoints, Noise, body_size
 from ._relative_pose import relative_poses
 from ._static_refusals import FEWEST_FRAMES, FEWEST_JOINTS, listed, refuse_keypoints, refuse_rig, refuse_uncertain
 

@@ -6,8 +6,7 @@ import numpy as np
 import pycolmap
 
 from ._footage import Footage, Report
-from ._person_adjustment import Beliefs
-from ._person_scene import believed_lengths, person_keypoints
+from ._person_scene import Beliefs, believed_lengths, person_keypoints
 from ._static_rig import StaticRig, find_static_rig
 
 _FOCAL_SIGMA = 0.15  # relative, of a guess: phones filming are between 0.7 and 1.2 times the longer side

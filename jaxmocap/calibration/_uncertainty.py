@@ -15,7 +15,8 @@ from jaxmocap.geometry import camera_centres
 from ._mapping import median_depth, observations
 from ._matching import Place
 from ._registration import Model
-from ._trajectory import MAD_TO_SIGMA, departures
+from ._repair import departures
+from ._trajectory import MAD_TO_SIGMA
 
 _PER_POSE, _PER_LENS, _GAUGE = 6, 2, 7
 _MOST_IN_NETWORK = 120

@@ -28,6 +28,7 @@ from ._picture_steps import (
     reduced_size as reduced_size,
 )
 from ._record import CaptureRecord as CaptureRecord
+from ._span import shared_frames as shared_frames
 from ._sync_plan import (
     SyncPlan as SyncPlan,
     camera_names as camera_names,
@@ -41,7 +42,6 @@ from ._video import (
     FrameReader as FrameReader,
     VideoIndex as VideoIndex,
     index_video as index_video,
-    shared_frames as shared_frames,
 )
 from .synchronisation import (
     PersonHeights as PersonHeights,

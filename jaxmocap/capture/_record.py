@@ -13,9 +13,10 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras, read_cameras
 from jaxmocap.detection import LayoutName
 
-from ._config import CaptureConfig, Finding, selected_positions, span_of
+from ._config import CaptureConfig, Finding
 from ._picture_steps import Reduction, Turn, Undistortion, reduced_size
-from ._video import VideoIndex, shared_frames
+from ._span import selected_positions, shared_frames, span_of
+from ._video import VideoIndex
 
 _METRES = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001}
 

@@ -1,7 +1,7 @@
 """Videos: an index of presentation timestamps, a reader that finds frames by timestamp, never by counting, and which
 frames of several videos show the same instants."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -188,29 +188,3 @@ class FrameReader:
     def close(self) -> None:
         self._current = None
         self._container.close()
-
-
-def shared_frames(videos: Sequence[VideoIndex], offsets: Sequence[float]) -> Int64[np.ndarray, "camera frame"]:
-    """Match, to each frame of the first video that all videos cover, the nearest frame by time of each video.
-
-    `offsets` (seconds) added to a video's own time, which starts at its first frame, give the common time. A video
-    covers an instant up to half a frame before its first and after its last frame.
-    """
-    times = [video.seconds + offset for video, offset in zip(videos, offsets, strict=True)]
-    first = times[0]
-    covered = np.ones(len(first), bool)
-    for video, own in zip(videos, times, strict=True):
-        slack = 0.5 * max(video.interval, videos[0].interval) + 1e-6
-        covered &= (first >= own[0] - slack) & (first <= own[-1] + slack)
-    if not covered.any():
-        spans = ", ".join(
-            f"{v.path.name} {own[0]:.3f} to {own[-1]:.3f} s" for v, own in zip(videos, times, strict=True)
-        )
-        raise InputError(f"the videos share no moment: {spans}; check the offsets in capture.toml")
-    wanted = first[covered]
-    rows = [np.flatnonzero(covered)]
-    for own in times[1:]:
-        after = np.clip(np.searchsorted(own, wanted), 0, len(own) - 1)
-        before = np.maximum(after - 1, 0)
-        rows.append(np.where(wanted - own[before] < own[after] - wanted, before, after))
-    return np.stack(rows).astype(np.int64)

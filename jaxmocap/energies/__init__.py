@@ -35,13 +35,12 @@ from ._search_energy import (
     Base as Base,
     Scores as Scores,
     SearchEnergy as SearchEnergy,
-    SoftScore as SoftScore,
     prepare_base as prepare_base,
     score_particles as score_particles,
     search_energy as search_energy,
-    soft_score as soft_score,
 )
 from ._silhouette import Silhouette as Silhouette
+from ._soft_score import SoftScore as SoftScore, soft_score as soft_score
 from ._term import (
     AbstractPoseTerm as AbstractPoseTerm,
     AbstractTerm as AbstractTerm,

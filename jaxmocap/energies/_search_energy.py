@@ -12,25 +12,20 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._results import InputError
 from jaxmocap._shapes import check_shape
-from jaxmocap.character import Character, Pose, retract, skin
-from jaxmocap.observation import FrameProblem
+from jaxmocap.character import Pose, retract
 from jaxmocap.render import (
     Driver,
-    SoftFaces,
-    SoftSettings,
     best_driver,
     dirty_tiles,
     draw,
     put_back,
-    soft_faces,
-    to_screen,
     touched_rows,
 )
 
 from ._body import GroupProblem, base_buffers, part_windows, pixels_outside
 from ._model_view import ModelView
 from ._pose_terms import Posture
-from ._term import AbstractTerm, Drawn, SoftDrawn
+from ._term import AbstractTerm, Drawn
 from ._view_view import ViewView
 
 
@@ -64,6 +59,10 @@ class SearchEnergy(eqx.Module):
     @property
     def weights(self) -> Float[Array, "term"]:
         return jnp.stack([term.weight for term in self.terms])
+
+    def weighted(self, terms: Float[Array, "*particle term"]) -> Float[Array, "*particle"]:
+        """Sum the terms by their weights."""
+        return jnp.matmul(terms, self.weights, precision="highest")
 
 
 def search_energy(
@@ -141,11 +140,7 @@ def score_particles(
         return _score(energy, group, base, rows, capacity, driver)
 
     terms, needed = _share_out(generation, dynamic, _Rows(increments, live))
-    return Scores(_weighted(terms, energy), terms, needed.max(initial=0))
-
-
-def _weighted(terms: Float[Array, "*particle term"], energy: SearchEnergy) -> Float[Array, "*particle"]:
-    return jnp.matmul(terms, energy.weights, precision="highest")
+    return Scores(energy.weighted(terms), terms, needed.max(initial=0))
 
 
 class _Rows(NamedTuple):
@@ -231,40 +226,3 @@ def _share_out(score: Callable[[Any, Any], tuple[Array, Array]], arrays: Any, ro
     shared = jax.shard_map(own, mesh=mesh, in_specs=every, out_specs=every, check_vma=False)
     terms, needed = shared(arrays, padded)
     return terms[:number], needed
-
-
-class SoftScore(NamedTuple):
-    """`total`, `terms (term,)` unweighted, and the `needed` windows, pixels and shares of the busiest view, to be held
-    against `SoftSettings`: what does not fit is left out."""
-
-    total: Float[Array, ""]
-    terms: Float[Array, "term"]
-    needed: Int[Array, "3"]
-
-
-def soft_score(
-    energy: SearchEnergy, character: Character, pose: Pose, problem: FrameProblem, settings: SoftSettings | None = None
-) -> SoftScore:
-    """Score one pose by Eq. 5 with soft visibility, for `jax.grad` and `vmap`.
-
-    In the limit of zero `settings.width` it is the energy of the search. Differentiable in pose, vertices, cameras,
-    weights and colours.
-
-    Every pixel is shared by the faces that cover parts of it (`soft_faces`): in Eq. 6 each pays its share of the
-    covered cost and what is left pays the uncovered cost; in Eq. 7 each looks for its own partner, and near faces count
-    by their share of the partner's pixel. Raises `ValueError` for a term that only knows key buffers.
-    """
-    settings = SoftSettings() if settings is None else settings
-    vertices = skin(character, pose)
-    faces = character.faces.T
-    height, width = problem.size
-
-    def look(view: tuple[Array, Array, Array]) -> tuple[Array, SoftFaces]:
-        projection, origin, depths = view
-        screen = to_screen(vertices, projection, origin)
-        return screen, soft_faces(screen, faces, height, width, depths, settings)
-
-    screens, seen = lax.map(look, (problem.projection, problem.origins, problem.depth_range))
-    drawn = SoftDrawn(character, pose, problem, screens, seen, settings)
-    terms = jnp.stack([term.soft(drawn) for term in energy.terms])
-    return SoftScore(_weighted(terms, energy), terms, seen.needed.max(0))

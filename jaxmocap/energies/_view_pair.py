@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap._types import Knob
 from jaxmocap.geometry import inverse
+from jaxmocap.observation import FrameProblem
 from jaxmocap.render import look_up
 
 
@@ -43,6 +44,26 @@ def partner_pixels(
     x, y, z = (h[k, 0] * columns + h[k, 1] * rows + h[k, 2] + e[k] * inverse_depth for k in range(3))
     safe = jnp.where(z > 1e-6, z, 1.0)
     return x / safe, y / safe, z
+
+
+def partner_in_rectangle(
+    frame: FrameProblem,
+    between: PixelTransfer,
+    inverse_depth: Array,
+    rows: Array,
+    columns: Array,
+    m: int | Array,
+    n: int | Array,
+) -> tuple[Array, Array, Array]:
+    """Find column and row in view n's rectangle of pixels of view m's, and whether the nearest pixel lies inside it."""
+    origin, target = frame.origins[m], frame.origins[n]
+    u = columns + (origin[1].astype(jnp.float32) + 0.5)
+    v = rows + (origin[0].astype(jnp.float32) + 0.5)
+    x, y, z = partner_pixels(u, v, inverse_depth, between)
+    x, y = x - (target[1].astype(jnp.float32) + 0.5), y - (target[0].astype(jnp.float32) + 0.5)
+    height, width = frame.size
+    inside = (z > 1e-6) & (x >= -0.5) & (y >= -0.5) & (x < width - 0.5) & (y < height - 0.5)
+    return jnp.where(inside, x, 0.0), jnp.where(inside, y, 0.0), inside
 
 
 def are_near(near_faces: Array, first: Int[Array, "..."], second: Int[Array, "..."]) -> Bool[Array, "..."]:

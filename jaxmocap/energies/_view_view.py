@@ -17,7 +17,7 @@ from jaxmocap.render import WINDOW, look_up, sum_over_tiles, tiles_at
 from ._body import GroupProblem
 from ._soft_view_view import SoftView, soft_view_view
 from ._term import AbstractTerm, Drawn, SoftDrawn
-from ._view_pair import PixelTransfer, are_near, ordered_pairs, partner_pixels, pixel_transfer
+from ._view_pair import PixelTransfer, are_near, ordered_pairs, partner_in_rectangle, pixel_transfer
 
 
 def _pack(image: Float[Array, "*shape 3"]) -> Int[Array, "*shape"]:
@@ -109,28 +109,6 @@ class ViewView(AbstractTerm):
     def __check_init__(self) -> None:
         if self.step not in (1, 2, 4, 8):
             raise InputError(f"view-view consistency scores every step-th pixel, 1, 2, 4 or 8, not {self.step}.")
-
-    def _partner(
-        self,
-        between: PixelTransfer,
-        keys: Array,
-        rows: Array,
-        columns: Array,
-        m: int | Array,
-        n: int | Array,
-        group: GroupProblem,
-    ) -> tuple[Array, Array, Array]:
-        """Local float column and row in n's rectangle, and whether the nearest pixel lies inside it."""
-        frame = group.frame
-        inverse = group.layout.inverse_depth(keys, frame.depth_range[m])
-        origin, target = frame.origins[m], frame.origins[n]
-        u = columns + (origin[1].astype(jnp.float32) + 0.5)
-        v = rows + (origin[0].astype(jnp.float32) + 0.5)
-        x, y, z = partner_pixels(u, v, inverse, between)
-        x, y = x - (target[1].astype(jnp.float32) + 0.5), y - (target[0].astype(jnp.float32) + 0.5)
-        height, width = frame.size
-        inside = (z > 1e-6) & (x >= -0.5) & (y >= -0.5) & (x < width - 0.5) & (y < height - 0.5)
-        return jnp.where(inside, x, 0.0), jnp.where(inside, y, 0.0), inside
 
     def _corner(self, first: int | Array, x: Array, y: Array, width: int, height: int) -> tuple[Array, Array, Array]:
         """Where in the packed colours the pixel above and left of (x, y) lies, and the fractions across and along; the
@@ -242,7 +220,8 @@ class ViewView(AbstractTerm):
         own = in_buffers(m, rows, columns)
         keys = look_up(buffers.reshape(-1), own)
         covered = (keys > layout.empty) & (rows < height) & (columns < width)
-        x, y, inside = self._partner(between, keys, rows, columns, m, n, group)
+        inverse = layout.inverse_depth(keys, group.frame.depth_range[m])
+        x, y, inside = partner_in_rectangle(group.frame, between, inverse, rows, columns, m, n)
         column, row = jnp.round(x).astype(jnp.int32), jnp.round(y).astype(jnp.int32)
         drawn = in_buffers(n, row, column)
         corner, across, along = self._corner(n * (height * width), x, y, width, height)

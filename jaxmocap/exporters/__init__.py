@@ -1,6 +1,7 @@
 """Exporters: a motion as a file of another program, one format per module."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from jaxmocap._results import InputError
@@ -15,9 +16,9 @@ from ._exporter import (
     ExportForm as ExportForm,
     Units as Units,
     Up as Up,
-    check_rig as check_rig,
     checked_exporter as checked_exporter,
     export_motion as export_motion,
+    silent,
 )
 from ._gait import gait as gait, write_gait as write_gait
 from ._gait_record import Gait as Gait
@@ -86,21 +87,19 @@ def export(
     person and solves for our markers instead. `say` is told what is worth a sentence. Raises `InputError` for an
     unknown suffix, a file that exists, and what a format cannot hold; nothing is left behind then.
     """
-    path, files = Path(path), tuple(Path(file) for file in opensim_model)
-    if files and not checked_exporter(path, EXPORTERS, units, up, frame_rate).driven:
-        raise InputError(f"{path} is no .osim, for which alone a model of OpenSim's is driven; leave the model out.")
-    export_motion(
-        result,
-        path,
-        EXPORTERS,
-        units=units,
-        up=up,
+    path, models = Path(path), tuple(Path(file) for file in opensim_model)
+    actor, rig, mapping = (None if file is None else Path(file) for file in (actor, rig, mapping))
+    form = ExportForm(
+        path.name,
         frame_rate=frame_rate,
         actor=actor,
         mass=mass,
-        opensim_model=files,
+        opensim_model=models,
         rig=rig,
         mapping=mapping,
-        say=say,
+        say=say or silent,
     )
+    if models and not checked_exporter(path, EXPORTERS, units, up, replace(form, opensim_model=())).driven:
+        raise InputError(f"{path} is no .osim, for which alone a model of OpenSim's is driven; leave the model out.")
+    export_motion(result, path, EXPORTERS, units, up, form)
     return path

@@ -21,8 +21,8 @@ PER_METRE: dict[str, float] = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 UNITS: tuple[str, ...] = get_args(Units)
 
 
-def _silent(sentence: str) -> None:
-    pass
+def silent(sentence: str) -> None:
+    """Say nothing."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class ExportForm:
     opensim_model: tuple[Path, ...] = ()
     rig: Path | None = None
     mapping: Path | None = None
-    say: Callable[[str], None] = _silent
+    say: Callable[[str], None] = silent
 
     @property
     def per_metre(self) -> float:
@@ -103,35 +103,27 @@ def export_motion(
     result: Motion | str | Path,
     path: str | Path,
     exporters: Mapping[str, Exporter],
-    *,
     units: Units | None,
     up: Up | None,
-    frame_rate: float | None,
-    actor: str | Path | None,
-    mass: float | None = None,
-    opensim_model: tuple[Path, ...] = (),
-    rig: str | Path | None = None,
-    mapping: str | Path | None = None,
-    say: Callable[[str], None] | None,
+    form: ExportForm,
 ) -> ExportForm:
-    """Do what `export` says; return how the file was written."""
+    """Do what `export` says, as `form` has it but for its name, units and axis; return how the file was written.
+
+    Without `units` and `up` these are the format's own.
+    """
     path = Path(path)
-    exporter = checked_exporter(path, exporters, units, up, frame_rate, mass, opensim_model)
-    check_rig(path, exporter, rig, actor, mapping)
+    exporter = checked_exporter(path, exporters, units, up, form)
     motion = result if isinstance(result, Motion) else Motion.load(result)
-    form = ExportForm(path.name, units or exporter.units, up or exporter.up or _up(motion))
-    named = {"actor": actor, "rig": rig, "mapping": mapping}
-    files = {option: Path(file) for option, file in named.items() if file is not None}
-    form = replace(form, **files, mass=mass, opensim_model=opensim_model, say=say or form.say)
+    form = replace(form, name=path.name, units=units or exporter.units, up=up or exporter.up or _up(motion))
     motion = continuous(turned(motion, form.up))
     rate = frame_rate_of(motion)
-    if frame_rate is not None and not (rate and math.isclose(frame_rate, rate, rel_tol=1e-6)):
-        motion = resampled(motion, frame_rate)
+    if form.frame_rate is not None and not (rate and math.isclose(form.frame_rate, rate, rel_tol=1e-6)):
+        motion = resampled(motion, form.frame_rate)
     elif rate is None and exporter.even:
         rate = mean_rate_of(motion)
         form.say(f"{path}: the time between frames varies, so poses are interpolated to {rate:.2f} frames per second.")
         motion = resampled(motion, rate)
-    form = replace(form, frame_rate=frame_rate or rate)
+    form = replace(form, frame_rate=form.frame_rate or rate)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.ExitStack() as stack:
@@ -149,17 +141,16 @@ def checked_exporter(
     exporters: Mapping[str, Exporter],
     units: str | None,
     up: str | None,
-    frame_rate: float | None,
-    mass: float | None = None,
-    opensim_model: tuple[Path, ...] = (),
+    form: ExportForm,
 ) -> Exporter:
     """Find the exporter of a path. Raises `InputError` where nothing can be written there, or not in this way."""
+    frame_rate, mass = form.frame_rate, form.mass
     both = "".join(path.suffixes[-2:]).lower()
     exporter = exporters.get(both) or exporters.get(path.suffix.lower())
     if exporter is None:
         found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
         raise InputError(f"{path} has {found}, which names no format; expected one of {', '.join(exporters)}.")
-    if opensim_model and exporter.driven:
+    if form.opensim_model and exporter.driven:
         exporter = exporter.driven
     for part in exporter.parts(path):
         if part.exists():
@@ -178,24 +169,19 @@ def checked_exporter(
             raise InputError(f"{path}: {path.suffix} files have {name} = {own} by definition; leave {name} out.")
     if frame_rate is not None and not exporter.resamples:
         raise InputError(f"{path} has a camera for every frame of the videos; leave the frame rate out.")
+    _check_rig(path, exporter, form)
     return exporter
 
 
-def check_rig(
-    path: Path,
-    exporter: Exporter,
-    rig: str | Path | None,
-    actor: str | Path | None = None,
-    mapping: str | Path | None = None,
-) -> None:
+def _check_rig(path: Path, exporter: Exporter, form: ExportForm) -> None:
     """Raise `InputError` where a path cannot be written on somebody else's rig, or not in this way."""
-    if rig is None and mapping is not None:
-        raise InputError(f"the mapping {mapping} names the joints of a rig, and none is given; name the rig too.")
-    if rig is not None and not exporter.rigged:
+    if form.rig is None and form.mapping is not None:
+        raise InputError(f"the mapping {form.mapping} names the joints of a rig, and none is given; name the rig too.")
+    if form.rig is not None and not exporter.rigged:
         raise InputError(
             f"{path} is not written on a rig, as .glb, .bvh, .fbx and .blend are; leave the rig out for it."
         )
-    if rig is not None and actor is not None:
+    if form.rig is not None and form.actor is not None:
         raise InputError(
             f"{path}: the actor's file is of the person who was tracked, the rig is somebody else's; name one of them."
         )

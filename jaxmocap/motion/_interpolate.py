@@ -13,7 +13,8 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Pose, ball_joints, equivalent_angles
 
-from ._motion import STATUSES, Motion
+from ._check_motion import STATUSES
+from ._motion import Motion
 
 _SLACK = 1e-6
 """Seconds."""

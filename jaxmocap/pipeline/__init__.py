@@ -22,17 +22,14 @@ from ._register_and_learn import (
     Prepared as Prepared,
     fit_capture_appearance as fit_capture_appearance,
     register_and_learn as register_and_learn,
+    registration_record as registration_record,
 )
 from ._run import RunResult as RunResult, run as run
 from ._run_plan import PlannedStage as PlannedStage
 from ._scan import ScannedActor as ScannedActor, scan as scan
 from ._synchronise import sync as sync
 from ._take_result import TakeResult as TakeResult
-from ._track_capture import (
-    open_character as open_character,
-    registration_record as registration_record,
-    track_capture as track_capture,
-)
+from ._track_capture import open_character as open_character, track_capture as track_capture
 from ._workers import (
     Failure as Failure,
     check_workers as check_workers,

@@ -12,12 +12,12 @@ from jaxmocap._types import Quality
 from jaxmocap.appearance import Appearance, AppearanceSettings, appearance_preset, fit_appearance
 from jaxmocap.camera import Cameras
 from jaxmocap.capture import Capture
-from jaxmocap.character import Character, Pose, skin
+from jaxmocap.character import Character, Pose, pose_vector, skin
 from jaxmocap.geometry import facing_cosine
 from jaxmocap.observation import Registered, check_key_poses, full_image_ids, key_poses_of
 from jaxmocap.registration import Overrides, PersonMasks, Registration, masks_of, register
 
-from ._defaults import find_person_masks
+from ._defaults import MaskRecord, find_person_masks
 
 
 class Prepared(NamedTuple):
@@ -100,3 +100,19 @@ def fit_capture_appearance(
     return fit_appearance(
         ids, images, facing, np.asarray(character.faces), selected, key=key, masks=person, settings=settings
     )
+
+
+def registration_record(registrations: dict[int, Registration], character: Character, masks: MaskRecord) -> dict:
+    """Record what `registration.json` holds: per selected frame the fit, the masks, the pose, metres and degrees."""
+    record = {}
+    for frame, found in registrations.items():
+        vector = np.array(pose_vector(character.skeleton, found.pose), np.float64)
+        vector[3:] = np.rad2deg(vector[3:])
+        record[str(frame)] = {
+            "iou": [None if np.isnan(v) else round(float(v), 4) for v in found.iou],
+            "keypoint_rms_m": None if np.isnan(found.keypoint_rms) else round(found.keypoint_rms, 4),
+            "searched": found.searched,
+            "masks": masks[str(frame)],
+            "pose": {name: round(float(v), 5) for name, v in zip(character.skeleton.dof_names, vector, strict=True)},
+        }
+    return record

@@ -1,5 +1,6 @@
 """The files that a run is given beside its videos: what cannot be used of them, before anything is done."""
 
+import os
 import re
 import shutil
 from collections.abc import Callable, Collection, Sequence
@@ -117,3 +118,11 @@ def _rename_all(folder: Path, stem: str, name: str) -> None:
         target = None if found is None else folder / f"{found[1] or ''}{name}{found[2]}"
         if target is not None and not target.exists():
             entry.rename(target)
+
+
+def link_or_copy(video: Path, place: Path) -> None:
+    """Link a video, which costs no room; where the file system has no links, copy it."""
+    try:
+        os.link(video.resolve(), place)
+    except OSError:
+        shutil.copyfile(video, place)

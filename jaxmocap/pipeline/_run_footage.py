@@ -1,18 +1,12 @@
 """How a run makes of videos a capture with the person's keypoints and cameras; each stage returns what it wrote, as
 JSON knows it."""
 
-import os
-import shutil
-from pathlib import Path
 from typing import Any
-
-import jax
-import numpy as np
 
 from jaxmocap._files import atomic_folder, free_name, write_text
 from jaxmocap._results import InputError
-from jaxmocap.calibration import usual_focal
-from jaxmocap.camera import Cameras, write_cameras
+from jaxmocap.calibration import level_camera, usual_focal
+from jaxmocap.camera import write_cameras
 from jaxmocap.capture import (
     Capture,
     config_path,
@@ -26,7 +20,7 @@ from jaxmocap.capture import (
 
 from ._calibrate import calibrate_folder
 from ._detect import detect
-from ._run_files import copy_keypoints
+from ._run_files import copy_keypoints, link_or_copy
 from ._run_inputs import RunInputs
 from ._run_options import span_within
 from ._synchronise import sync
@@ -120,7 +114,7 @@ class FootageWork(RunInputs):
         made, videos = list(copies), self.videos
         with atomic_folder(self.folder) as partial:
             for name, video in copies.items():
-                _link_or_copy(video, partial / name)
+                link_or_copy(video, partial / name)
             text = new_capture_text(self.out, self.indices[0].interval, dict(zip(self.names, copies, strict=True)))
             write_text(partial / "capture.toml", text)
             self.record.set("capture", videos, made)  # whenever it is cut off, the folder is known for this run's
@@ -241,24 +235,7 @@ class FootageWork(RunInputs):
             "and which way limbs point in depth is a guess."
         )
         folder = free_name(self.folder, "cameras")
-        write_cameras(_level_camera(name, size, focal, capture.num_frames), folder, "colmap", capture.video_frames)
+        write_cameras(level_camera(name, size, focal, capture.num_frames), folder, "colmap", capture.video_frames)
         self._naming_cameras(folder.name)
         self._set(cameras=folder.name)
         return folder.name
-
-
-def _level_camera(name: str, size: tuple[int, int], focal: float, num_frames: int) -> Cameras:
-    """Place a camera at the world's origin that looks ahead, y up."""
-    intrinsics = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]], np.float32)
-    pose = np.diag([1.0, -1.0, -1.0, 1.0]).astype(np.float32)
-    poses = np.broadcast_to(pose, (1, num_frames, 4, 4))
-    asarray = jax.numpy.asarray
-    return Cameras((name,), (size,), asarray(intrinsics[None]), asarray(np.zeros((1, 5), np.float32)), asarray(poses))
-
-
-def _link_or_copy(video: Path, place: Path) -> None:
-    """Link a video, which costs no room; where the file system has no links, copy it."""
-    try:
-        os.link(video.resolve(), place)
-    except OSError:
-        shutil.copyfile(video, place)

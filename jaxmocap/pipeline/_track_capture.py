@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 
 from jaxmocap._cache import (
     cached_stage,
@@ -28,15 +27,15 @@ from jaxmocap.character import Character
 from jaxmocap.motion import Motion
 from jaxmocap.observation import observe
 from jaxmocap.refinement import DetectionPlan
-from jaxmocap.registration import Registration, masks_of, read_pose_file
+from jaxmocap.registration import masks_of, read_pose_file
 from jaxmocap.rigging import open_actor
 from jaxmocap.track import Checkpoint, Tracker, motion_of, track_frames, with_settings
 from jaxmocap.verdict import FrameResult
 from jaxmocap.viewers import REPORT_PAGE, overlay_videos, report_page
 
-from ._defaults import MaskRecord, mask_record, say_doubts, with_selected_frames
+from ._defaults import mask_record, say_doubts, with_selected_frames
 from ._made_to_measure import character_of
-from ._register_and_learn import Prepared, register_and_learn
+from ._register_and_learn import Prepared, register_and_learn, registration_record
 from ._run_folder import finished, run_folder
 
 
@@ -55,24 +54,6 @@ def open_character(
             "capture.toml."
         )
     return open_actor(capture.actor, say)
-
-
-def registration_record(registrations: dict[int, Registration], character: Character, masks: MaskRecord) -> dict:
-    """Record what `registration.json` holds: per selected frame the fit, the masks, the pose, metres and degrees."""
-    from jaxmocap.character import pose_vector
-
-    record = {}
-    for frame, found in registrations.items():
-        vector = np.array(pose_vector(character.skeleton, found.pose), np.float64)
-        vector[3:] = np.rad2deg(vector[3:])
-        record[str(frame)] = {
-            "iou": [None if np.isnan(v) else round(float(v), 4) for v in found.iou],
-            "keypoint_rms_m": None if np.isnan(found.keypoint_rms) else round(found.keypoint_rms, 4),
-            "searched": found.searched,
-            "masks": masks[str(frame)],
-            "pose": {name: round(float(v), 5) for name, v in zip(character.skeleton.dof_names, vector, strict=True)},
-        }
-    return record
 
 
 def _frame_report(result: FrameResult, status: str) -> dict:

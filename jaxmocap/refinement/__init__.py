@@ -4,7 +4,6 @@ from ._compare import (
     Comparison as Comparison,
     FlowSettings as FlowSettings,
     compare as compare,
-    compare_views as compare_views,
 )
 from ._least_squares import (
     Prior as Prior,
@@ -20,11 +19,5 @@ from ._refine import (
     RefineWeights as RefineWeights,
     detection_rays as detection_rays,
 )
-from ._sources import (
-    Source as Source,
-    padded as padded,
-    picture_source as picture_source,
-    same_time_sources as same_time_sources,
-)
 from ._surface_flow import surface_flow as surface_flow
-from ._transfer import View as View
+from ._views import View as View, current_views as current_views, known_view as known_view

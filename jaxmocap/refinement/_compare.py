@@ -7,11 +7,10 @@ import cv2
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt8, UInt32
 
-from jaxmocap.character import Character
-from jaxmocap.observation import FrameProblem, flow_agrees, flow_both_ways, sample_picture, squared_length
+from jaxmocap.observation import flow_agrees, flow_both_ways, sample_picture, squared_length
 
-from ._sources import Source
-from ._transfer import View, transfer
+from ._transfer import transfer
+from ._views import View
 
 MARGIN = 3
 """Pixels from the silhouette that flow does not tell of."""
@@ -51,40 +50,23 @@ class Comparison(NamedTuple):
 
 
 def compare(
-    character: Character,
-    vertices: Float[Array, "vertex 3"],
-    ids: Int[np.ndarray, "height width"],
-    target: UInt8[np.ndarray, "height width"],
-    camera: int,
-    problem: FrameProblem,
-    source: Source,
-    settings: FlowSettings,
-) -> Comparison:
-    """Compute the flow from what a source predicts of one view (`ids`, grey picture `target`) to what is seen."""
-    origins = np.asarray(problem.origins).tolist()
-    intrinsics, cam_from_world = np.asarray(problem.intrinsics)[camera], np.asarray(problem.cam_from_world)[camera]
-    view = _view(intrinsics, cam_from_world, vertices, ids, tuple(origins[camera]))
-    shown = _view(source.intrinsics, source.cam_from_world, source.vertices, source.ids, source.origin)
-    faces, near_faces = np.asarray(character.faces), np.asarray(problem.surface.near_faces)
-    return compare_views(faces, near_faces, view, target, shown, grey(source.image), settings)
-
-
-def compare_views(
-    faces: Int[np.ndarray, "face 3"],
-    near_faces: UInt32[np.ndarray, "face word"],
+    faces: Int[Array | np.ndarray, "face 3"],
+    near_faces: UInt32[Array | np.ndarray, "face word"],
     view: View,
-    target: UInt8[np.ndarray, "height width"],
     source: View,
-    source_picture: UInt8[np.ndarray, "_ _"],
     settings: FlowSettings,
 ) -> Comparison:
-    """Compare as `compare` does, where both views of the mesh are at hand; pictures are grey."""
-    source_pixel, seen, cosine = transfer(faces, near_faces, view, source)
+    """Compute the flow from what a source predicts of a view of the mesh to what is seen.
+
+    `near_faces` is the bit table of Eq. 7, which says what counts as the same surface.
+    """
+    source_pixel, seen, cosine = transfer(np.asarray(faces), np.asarray(near_faces), view, source)
+    target = view.shown
     weight, moved = np.zeros(seen.shape, np.float32), np.zeros((*seen.shape, 2), np.float32)
     good = np.zeros(seen.shape, bool)
     box = _box_of(seen)
     if box is not None:
-        transferred = sample_picture(source_picture, source_pixel[box][..., 0], source_pixel[box][..., 1])
+        transferred = sample_picture(source.image, source_pixel[box][..., 0], source_pixel[box][..., 1])
         seen_here, target_here = seen[box], target[box]
         gain = float(np.clip(target_here[seen_here].mean() / max(transferred[seen_here].mean(), 1.0), 0.5, 2.0))
         predicted = np.where(seen_here, np.clip(transferred * gain, 0, 255), target_here).astype(np.uint8)
@@ -129,18 +111,3 @@ def textured(picture: UInt8[np.ndarray, "height width"]) -> Float[np.ndarray, "h
     structure = cv2.cornerMinEigenVal(cv2.GaussianBlur(picture, (0, 0), 1.0), 9, ksize=3)
     structure = np.maximum(structure, 0.0)  # rounding makes it negative where the picture is flat
     return structure / (structure + 2e-4)
-
-
-def _view(
-    intrinsics: Float[Array | np.ndarray, "3 3"],
-    cam_from_world: Float[Array | np.ndarray, "4 4"],
-    vertices: Float[Array, "vertex 3"],
-    ids: Int[Array | np.ndarray, "rows columns"],
-    origin: tuple[int, int],
-) -> View:
-    return View(np.asarray(intrinsics), np.asarray(cam_from_world), np.asarray(vertices), np.asarray(ids), origin)
-
-
-def grey(image: UInt8[np.ndarray, "height width 3"]) -> UInt8[np.ndarray, "height width"]:
-    """Convert RGB to grey."""
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)

@@ -1,4 +1,4 @@
-"""One damped Gauss-Newton step on rows of surface points and rays, with the priors of Eq. 10, for any refiner."""
+"""Damped Gauss-Newton steps on rows of surface points and rays, with the priors of Eq. 10, for any refiner."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -53,18 +53,6 @@ def free_prior(character: Character, base: Pose, weight: float | Array | np.ndar
         jnp.broadcast_to(jnp.asarray(weight, jnp.float32), still.shape),
         still,
     )
-
-
-class Step(NamedTuple):
-    delta: Float[Array, "dof"]
-    before: float
-    after: float
-    hessian: Float[Array, "dof dof"]
-
-
-def _array(value: float | Array) -> Array:
-    """Make an array of a number, so that it is not compiled in."""
-    return jax.device_put(np.asarray(value, np.float32))
 
 
 def _residual(
@@ -148,25 +136,6 @@ def sum_of_squares(
     return jnp.sum(_residual(character, base, rows, landmarks)(delta) ** 2)
 
 
-def gauss_newton_step(
-    character: Character,
-    base: Pose,
-    delta: Float[Array, "dof"],
-    rows: tuple[Rows, ...],
-    landmarks: tuple[LandmarkRows, ...],
-    prior: Prior,
-    damping: Float[Array, ""],
-    refiner: AbstractRefiner,
-) -> Step:
-    """Linearise all rows at `delta` (an increment of `base`), solve with the L1, the prior and the box, and say what
-    the true objective does."""
-    normal = normal_equations(character, base, delta, rows, landmarks)
-    moved = damped_step(normal, delta, prior, damping, refiner)
-    after = sum_of_squares(character, base, moved, rows, landmarks)
-    before = float(normal.square) + _penalty(prior, delta)
-    return Step(moved, before, float(after) + _penalty(prior, moved), normal.hessian)
-
-
 def _penalty(prior: Prior, delta: Float[Array, "dof"]) -> float:
     l1, weight, target, at = (np.asarray(leaf, np.float64) for leaf in (prior.l1, prior.weight, prior.target, delta))
     return float(np.sum(l1 * np.abs(at)) + np.sum(weight * (at - target) ** 2))
@@ -182,19 +151,25 @@ def descend(
     refiner: AbstractRefiner,
     steps: int = 3,
 ) -> tuple[Float[Array, "dof"], Float[Array, "dof dof"]]:
-    """Take a few accepted Gauss-Newton steps with fixed correspondences; return the increment and the last J^T J."""
-    damping = DAMPING
-    step, rows = None, tuple(row._replace(scale=_array(row.scale), robust=_array(row.robust)) for row in rows)
+    """Take a few accepted Gauss-Newton steps with fixed correspondences; return the increment and the last J^T J.
+
+    Each linearises all rows at `delta` (an increment of `base`), solves with the L1, the prior and the box, and counts
+    if the true objective does not grow.
+    """
+    damping, hessian = DAMPING, None
+    scales = [np.array((row.scale, row.robust), np.float32) for row in rows]  # arrays, so that they are not compiled in
+    rows = tuple(Rows(row.lines, *jax.device_put(tuple(pair))) for row, pair in zip(rows, scales, strict=True))
     for _ in range(steps):
-        step = gauss_newton_step(
-            character, base, delta, rows, landmarks, prior, jnp.asarray(damping, jnp.float32), refiner
-        )
-        if step.after <= step.before * (1 + 1e-6):
-            moved = float(np.abs(np.asarray(step.delta) - np.asarray(delta)).max())
-            delta, damping = step.delta, damping / 3
-            if moved < SETTLED:
+        normal = normal_equations(character, base, delta, rows, landmarks)
+        moved, hessian = damped_step(normal, delta, prior, jnp.asarray(damping, jnp.float32), refiner), normal.hessian
+        before = float(normal.square) + _penalty(prior, delta)
+        after = float(sum_of_squares(character, base, moved, rows, landmarks)) + _penalty(prior, moved)
+        if after <= before * (1 + 1e-6):
+            farthest = float(np.abs(np.asarray(moved) - np.asarray(delta)).max())
+            delta, damping = moved, damping / 3
+            if farthest < SETTLED:
                 break
         else:
             damping = max(damping, 1e-4) * 8
-    assert step is not None
-    return delta, step.hessian
+    assert hessian is not None
+    return delta, hessian

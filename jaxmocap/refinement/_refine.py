@@ -6,7 +6,7 @@ from typing import Literal
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from jaxmocap._results import InputError
 from jaxmocap._types import Knob, knob
@@ -18,8 +18,8 @@ from jaxmocap.refiners import AbstractRefiner, LeastSquares
 
 from ._compare import FlowSettings
 from ._least_squares import Prior, Rows, descend, free_prior
-from ._sources import Source, padded, picture_source, same_time_sources
 from ._surface_flow import surface_flow
+from ._views import View, current_views, known_view
 
 EVIDENCE_SCALE = np.float32(0.02)
 """Metres that count as 1 in the J^T J that a refinement tells, whatever counts as 1 in what it minimises."""
@@ -125,7 +125,7 @@ class Refinement:
         self.plan = plan
         self.flow = FlowSettings() if flow is None else flow
         self.detections = detections
-        self._selected: dict[tuple[int, int], Source] = {}
+        self._selected: dict[tuple[int, int], View] = {}
 
     def __call__(
         self, frame: Frame, pose: Pose, history: MotionHistory | None
@@ -157,28 +157,15 @@ class Refinement:
         scale = weights.residual_scale / jnp.sqrt(jnp.maximum(weights.contour, 1e-9))
         rows = [Rows(lines, scale, widen * weights.robust)]
         if self.plan.surface_flow:
-            rows += self._surface_rows(vertices, ids, frame, widen)
+            sources, views = self._selected_sources(frame.number), current_views(frame.crops(), problem, vertices, ids)
+            for m, own in enumerate(sources):
+                own += [view for n, view in enumerate(views) if n != m]
+            flows = surface_flow(self.character.faces, problem.surface.near_faces, views, sources, self.flow)
+            scale = weights.residual_scale / jnp.sqrt(jnp.maximum(weights.surface, 1e-9))
+            rows += [Rows(lines, scale, widen * weights.robust) for lines in flows]
         return tuple(rows)
 
-    def _surface_rows(
-        self,
-        vertices: Float[Array, "vertex 3"],
-        ids: Int[Array, "camera height width"],
-        frame: Frame,
-        widen: float,
-    ) -> list[Rows]:
-        problem, crops = frame.problem, frame.crops()
-        cameras, weights = range(problem.num_cameras), self.plan.weights
-        sources = self._selected_sources(frame.number)
-        pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
-        views = same_time_sources(pictures, problem, vertices, ids)
-        for m in cameras:
-            sources[m] = sources[m] + [views[n] for n in cameras if n != m]
-        flows = surface_flow(self.character, vertices, ids, crops, problem, sources, self.flow)
-        scale = weights.residual_scale / jnp.sqrt(jnp.maximum(weights.surface, 1e-9))
-        return [Rows(lines, scale, widen * weights.robust) for lines in flows]
-
-    def _selected_sources(self, frame: int) -> list[list[Source]]:
+    def _selected_sources(self, frame: int) -> list[list[View]]:
         """Per camera the nearest selected frame, seen by that camera."""
         observed = self.observations
         serving = sorted(observed.key_poses, key=lambda g: (abs(g - frame), g))[:1]
@@ -186,7 +173,7 @@ class Refinement:
             for selected in serving:
                 if (camera, selected) not in self._selected:
                     image, pose = observed.capture.image(camera, selected), observed.key_poses[selected]
-                    self._selected[camera, selected] = picture_source(
+                    self._selected[camera, selected] = known_view(
                         self.character, observed.cameras, image, selected, camera, pose
                     )
         return [[self._selected[camera, g] for g in serving] for camera in range(observed.cameras.num_cameras)]

@@ -11,68 +11,53 @@ from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, UInt8
+from jaxtyping import Array, Bool, Int, UInt32
 
 from jaxmocap._runtime import cores
-from jaxmocap.character import Character
 from jaxmocap.energies import SurfaceLines, surface_lines
-from jaxmocap.observation import FrameProblem
 
-from ._compare import FlowSettings, compare, grey
-from ._sources import Source
+from ._compare import FlowSettings, compare
+from ._views import View
 
 
 def surface_flow(
-    character: Character,
-    vertices: Float[Array, "vertex 3"],
-    ids: Int[Array, "camera height width"],
-    images: list[UInt8[np.ndarray, "height width 3"]],
-    problem: FrameProblem,
-    sources: list[list[Source]],
+    faces: Int[Array, "face 3"],
+    near_faces: UInt32[Array, "face word"],
+    views: list[View],
+    sources: list[list[View]],
     settings: FlowSettings,
 ) -> list[SurfaceLines]:
-    """Build rows for every view and source; a pixel uses every source that sees it.
+    """Build rows for every view of the current frame and each of its sources; a pixel uses every source that sees it.
 
-    `images` are the rectangles of the current frame, `sources[camera]` is a list in order of preference.
+    `sources[camera]` is a list in order of preference, `near_faces` the bit table of Eq. 7.
     """
-    host_ids = np.asarray(ids)
-    greys = [grey(image) for image in images]
-    pairs = [(camera, source) for camera in range(problem.num_cameras) for source in sources[camera]]
-
-    def one(pair: tuple[int, Source]) -> list[SurfaceLines]:
-        camera, source = pair
-        return _one_source(character, vertices, host_ids[camera], greys[camera], camera, problem, source, settings)
-
+    pairs = [(view, source) for view, own in zip(views, sources, strict=True) for source in own]
     with ThreadPoolExecutor(cores()) as pool:
-        return [lines for found in pool.map(one, pairs) for lines in found]
+        rows = pool.map(lambda pair: _rows(faces, near_faces, pair[0], pair[1], settings), pairs)
+        return [lines for found in rows for lines in found]
 
 
-def _one_source(
-    character: Character,
-    vertices: Float[Array, "vertex 3"],
-    ids: Int[np.ndarray, "height width"],
-    target: UInt8[np.ndarray, "height width"],
-    camera: int,
-    problem: FrameProblem,
-    source: Source,
+def _rows(
+    faces: Int[Array, "face 3"],
+    near_faces: UInt32[Array, "face word"],
+    view: View,
+    source: View,
     settings: FlowSettings,
 ) -> list[SurfaceLines]:
     """Rows of one view and source; as many for every frame, so that what uses them compiles once."""
-    view = jax.device_put((np.asarray(problem.intrinsics)[camera], np.asarray(problem.cam_from_world)[camera]))
-    found = compare(character, vertices, ids, target, camera, problem, source, settings)
+    found = compare(faces, near_faces, view, source, settings)
     picked = pick_samples(found.good, settings.samples)
     alive = np.arange(settings.samples) < found.good.sum()
-    row, column = np.divmod(picked, ids.shape[1])
-    origin = np.asarray(problem.origins)[camera]
-    here = (np.stack([column, row], -1) + origin[::-1] + 0.5).astype(np.float32)
+    row, column = np.divmod(picked, view.ids.shape[1])
+    here = (np.stack([column, row], -1) + view.origin[::-1] + 0.5).astype(np.float32)
     shares = np.where(alive, found.weight[row, column], 0.0).astype(np.float32)
     pixels, targets, shares = jax.device_put((here, here + found.moved[row, column], shares))
-    face = ids[row, column]
-    lines = [surface_lines(vertices, character.faces, face, pixels, targets, shares, view)]
+    vertices, face = jax.device_put(view.vertices), view.ids[row, column]
+    camera, other = (jax.device_put((one.intrinsics, one.cam_from_world)) for one in (view, source))
+    lines = [surface_lines(vertices, faces, face, pixels, targets, shares, camera)]
     if source.same_time:
-        other = (source.intrinsics, source.cam_from_world)
         there = jax.device_put(np.where(alive[:, None], found.source_pixel[row, column], 0.0).astype(np.float32))
-        lines.append(surface_lines(vertices, character.faces, face, pixels, there, shares, view, other))
+        lines.append(surface_lines(vertices, faces, face, pixels, there, shares, camera, other))
     return lines
 
 

@@ -1,38 +1,14 @@
 """Where a view's surface points lie in another picture: one homography per triangle, since both see it flat."""
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt32
 
 from jaxmocap.geometry import facing_cosine
 
+from ._views import View
+
 LEAST_DEPTH = 0.05
 """Metres in front of the source's camera that a triangle must lie."""
-
-
-class View(NamedTuple):
-    """One picture of a mesh: camera, posed vertices, the faces seen, and row and column of the first of these."""
-
-    intrinsics: Float[np.ndarray, "3 3"]
-    cam_from_world: Float[np.ndarray, "4 4"]
-    vertices: Float[np.ndarray, "vertex 3"]
-    ids: Int[np.ndarray, "rows columns"]
-    origin: tuple[int, int]
-
-    def corners(self, faces: Int[np.ndarray, "face 3"]) -> Float[np.ndarray, "face 3 3"]:
-        """Place the triangles in this camera's frame, in double precision: small ones far away need it."""
-        turned = self.cam_from_world.astype(np.float64)
-        return (self.vertices.astype(np.float64) @ turned[:3, :3].T + turned[:3, 3])[faces]
-
-
-class SurfaceTransfer(NamedTuple):
-    """For every pixel of a view: where its surface point lies in the source, pixels (x, y), whether the source shows
-    the same surface there, and how squarely its triangle faces the camera that sees it less well (cosine)."""
-
-    source_pixel: Float[np.ndarray, "height width 2"]
-    seen: Bool[np.ndarray, "height width"]
-    cosine: Float[np.ndarray, "height width"]
 
 
 def homographies(
@@ -53,9 +29,13 @@ def homographies(
 
 def transfer(
     faces: Int[np.ndarray, "face 3"], near_faces: UInt32[np.ndarray, "face word"], view: View, source: View
-) -> SurfaceTransfer:
-    """Transfer every covered pixel of `view` over the surface into `source`; `near_faces` is the bit table of Eq. 7,
-    which says what counts as the same surface. What is not seen is left at 0."""
+) -> tuple[Float[np.ndarray, "height width 2"], Bool[np.ndarray, "height width"], Float[np.ndarray, "height width"]]:
+    """Transfer every covered pixel of `view` over the surface into `source`.
+
+    Returns for every pixel where its surface point lies in the source, pixels (x, y), whether the source shows the same
+    surface there, and how squarely its triangle faces the camera that sees it less well (cosine). `near_faces` is the
+    bit table of Eq. 7, which says what counts as the same surface. What is not seen is left at 0.
+    """
     covered = np.flatnonzero(view.ids >= 0)
     number, (height, width) = view.ids.reshape(-1)[covered], view.ids.shape
     marked = np.zeros(len(faces), bool)
@@ -77,10 +57,9 @@ def transfer(
     inside = in_front & (right >= 0) & (down >= 0) & (right < columns) & (down < rows)
     other = source.ids[down.clip(0, rows - 1), right.clip(0, columns - 1)]
     same = near_faces[number, np.maximum(other, 0) >> 5] >> (np.maximum(other, 0) & 31).astype(np.uint32) & 1
-    found = SurfaceTransfer(
-        np.zeros((height, width, 2), np.float32), np.zeros((height, width), bool), np.zeros((height, width), np.float32)
-    )
-    found.source_pixel.reshape(-1, 2)[covered] = pixel.T
-    found.seen.reshape(-1)[covered] = inside & (other >= 0) & (same == 1)
-    found.cosine.reshape(-1)[covered] = squarely[face]
-    return found
+    source_pixel, cosine = np.zeros((height, width, 2), np.float32), np.zeros((height, width), np.float32)
+    seen = np.zeros((height, width), bool)
+    source_pixel.reshape(-1, 2)[covered] = pixel.T
+    seen.reshape(-1)[covered] = inside & (other >= 0) & (same == 1)
+    cosine.reshape(-1)[covered] = squarely[face]
+    return source_pixel, seen, cosine

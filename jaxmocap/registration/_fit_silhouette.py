@@ -11,15 +11,7 @@ from jaxmocap.camera import view_angles
 from jaxmocap.character import Character, Pose, retract, skin
 from jaxmocap.energies import ContourSettings, LandmarkRays, SearchEnergy, Silhouette, contour_lines
 from jaxmocap.observation import FrameProblem, draw
-from jaxmocap.refinement import (
-    FlowSettings,
-    Rows,
-    descend,
-    free_prior,
-    padded,
-    same_time_sources,
-    surface_flow,
-)
+from jaxmocap.refinement import FlowSettings, Rows, current_views, descend, free_prior, surface_flow
 from jaxmocap.refiners import AbstractRefiner, Shooting
 from jaxmocap.samplers import InteractingSimulatedAnnealing, particles_for
 from jaxmocap.search import group_searches
@@ -139,11 +131,9 @@ def fit_between_views(
     flow = replace(flow, samples=min(flow.samples, _MOST_ROWS // max(sum(map(len, near)), 1)))
     for _ in range(settings.view_flow):
         vertices, ids, inverse = draw(character, pose, problem)
-        host_ids = np.asarray(ids)
-        pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
-        views = same_time_sources(pictures, problem, vertices, host_ids)
+        views = current_views(crops, problem, vertices, ids)
         sources = [[views[n] for n in others] for others in near]
-        flows = surface_flow(character, vertices, ids, crops, problem, sources, flow)
+        flows = surface_flow(character.faces, problem.surface.near_faces, views, sources, flow)
         contours = contour_lines(vertices, character.faces, ids, inverse, problem, mask_contours(12, masked))
         rows = (Rows(contours, 0.02, 0.012), *(Rows(lines, 0.02, 0.015) for lines in flows))
         pose = moved_by_rows(character, pose, rows, landmarks, weight, settings, fixed, STRETCH)

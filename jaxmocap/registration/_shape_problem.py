@@ -31,7 +31,6 @@ from jaxmocap.refiners import AbstractRefiner, RefineProblem
 OFFSETS = ("shoulder", "hip", "nose", "eye", "ear", "toe", "heel")
 """Detector points that are another place than our landmark of the name."""
 
-
 _COUPLED = {"torso": ("shoulders", "hips")} | {name: (name,) for name in GIRTHS if name != "torso"}
 
 

@@ -19,6 +19,7 @@ from jaxmocap.geometry import uniform_laplacian, vertex_normals
 
 from ._fit_template import Fit, Pin, Points, fit_template
 from ._orientation import Guess, guesses
+from ._read_mesh import upright
 from ._template import Body, landmarks, surface, template
 
 _STARTS = 8
@@ -195,3 +196,33 @@ def bent_landmarks(target: Points, body: Body) -> tuple[dict[str, np.ndarray], F
         near = np.exp(-0.5 * np.sum((vertices - place) ** 2, axis=1) / _REACH**2)
         moved[name] = place + near @ offset / max(near.sum(), 1e-9)
     return moved, vertices + offset
+
+
+class Placed(NamedTuple):
+    """Everything in one frame: the mesh, the joints, the template's skin, and how one gets there from the file."""
+
+    vertices: np.ndarray
+    places: dict[str, np.ndarray]
+    laid: np.ndarray
+    rest_from_file: np.ndarray
+
+    def scaled(self, factor: float) -> "Placed":
+        """Scale everything."""
+        matrix = np.diag([factor, factor, factor, 1.0]) @ self.rest_from_file
+        places = {name: factor * place for name, place in self.places.items()}
+        return Placed(factor * self.vertices, places, factor * self.laid, matrix)
+
+
+def in_rest_frame(vertices: np.ndarray, found: Embedding, pins: Mapping[str, np.ndarray]) -> Placed:
+    """Turn a mesh upright, soles at height 0 and the pelvis above the origin; still in the file's units."""
+    back = np.linalg.inv(found.fit_from_file)
+    to_file = lambda points: points @ back[:3, :3].T + back[:3, 3]  # noqa: E731
+    places = {name: to_file(place) for name, place in found.places.items()} | dict(pins)
+    turn = upright(places)
+    turned = vertices @ turn.T
+    pelvis = turn @ places["pelvis"]
+    shift = -np.array([pelvis[0], turned[:, 1].min(), pelvis[2]])
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn, shift
+    moved = {name: turn @ place + shift for name, place in places.items()}
+    return Placed(turned + shift, moved, to_file(found.laid) @ turn.T + shift, matrix)

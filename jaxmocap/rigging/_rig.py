@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,10 +12,10 @@ from jaxmocap._results import InputError
 from jaxmocap.character import REQUIRED, Character, capsules, has_skin, simplify
 
 from ._bind import bind, turned_out
-from ._embed import Embedding, embed
+from ._embed import Embedding, embed, in_rest_frame
 from ._fit_template import exact, samples
 from ._keypoints import read_hints, report_on
-from ._read_mesh import ADULT, Mesh, axis_name, metres_per_unit, named_axis, read_mesh, upright
+from ._read_mesh import ADULT, Mesh, axis_name, metres_per_unit, named_axis, read_mesh
 from ._repair import Repair, repaired
 
 _FAR, _COVERED = 0.045, 0.5
@@ -91,7 +91,7 @@ def rig(
         wanted_front = hints.front if wanted_front is None else wanted_front
     found = embed(samples(clean.vertices, clean.faces), wanted_up, wanted_front, pins)
     found = _person(found, label)
-    turned = _in_rest_frame(clean, found, given)
+    turned = in_rest_frame(clean.vertices, found, given)
     metre, unit = metres_per_unit(label, float(np.ptp(turned.vertices[:, 1])), height, units)
     placed = turned.scaled(metre)
     title = name or (Path(mesh).stem if isinstance(mesh, str | Path) else "rigged mesh")
@@ -114,35 +114,6 @@ def rig(
         "warnings": _warnings(found, clean, tall, sized=bool(height or units)),
     }
     return RiggedMesh(character, report, placed.rest_from_file)
-
-
-class _Placed(NamedTuple):
-    """Everything in one frame: the mesh, the joints, the template's skin, and how one gets there from the file."""
-
-    vertices: np.ndarray
-    places: dict[str, np.ndarray]
-    laid: np.ndarray
-    rest_from_file: np.ndarray
-
-    def scaled(self, factor: float) -> "_Placed":
-        matrix = np.diag([factor, factor, factor, 1.0]) @ self.rest_from_file
-        places = {name: factor * place for name, place in self.places.items()}
-        return _Placed(factor * self.vertices, places, factor * self.laid, matrix)
-
-
-def _in_rest_frame(clean: Repair, found: Embedding, pins: Mapping[str, np.ndarray]) -> _Placed:
-    """Turn a mesh upright, soles at height 0 and the pelvis above the origin; still in the file's units."""
-    back = np.linalg.inv(found.fit_from_file)
-    to_file = lambda points: points @ back[:3, :3].T + back[:3, 3]  # noqa: E731
-    places = {name: to_file(place) for name, place in found.places.items()} | dict(pins)
-    turn = upright(places)
-    vertices = clean.vertices @ turn.T
-    pelvis = turn @ places["pelvis"]
-    shift = -np.array([pelvis[0], vertices[:, 1].min(), pelvis[2]])
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = turn, shift
-    moved = {name: turn @ place + shift for name, place in places.items()}
-    return _Placed(vertices + shift, moved, to_file(found.laid) @ turn.T + shift, matrix)
 
 
 def _person(found: Embedding | None, label: str) -> Embedding:

@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from jaxmocap.geometry import faces_within, pack_rows, uniform_laplacian, vertex_normals
-from jaxmocap.refinement import FlowSettings, View, compare_views
+from jaxmocap.refinement import FlowSettings, View, compare
 from jaxmocap.render import face_ids
 
 from ._hull import Views, mask_distances
@@ -58,7 +58,7 @@ def refine_surface(
     for _ in range(rounds):
         drawn = draw_views(vertices, faces, views)
         normals = vertex_normals(vertices, faces)
-        pulls = [_agreement(faces, normals, near, views, drawn, *pair) for pair in pairs]
+        pulls = [_agreement(faces, normals, near, drawn[here], drawn[there]) for here, there in pairs]
         pulls += [_outline(faces, normals, *one) for one in zip(distances, drawn, strict=True)]
         vertices = vertices + normals * _offsets(vertices, faces, normals, pulls, bending)[:, None]
         vertices = _evened(vertices, faces, laplacian)
@@ -74,12 +74,12 @@ def _evened(vertices: np.ndarray, faces: np.ndarray, laplacian: sparse.csr_array
 def draw_views(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], views: Views) -> list[View]:
     """Draw the mesh into every view."""
     height, width = views.grey.shape[1:]
-    cameras = zip(views.intrinsics, views.cam_from_world, strict=True)
+    pictures = zip(views.grey, views.intrinsics, views.cam_from_world, strict=True)
     triangles, corner, drawn = faces.astype(np.int32), np.zeros((1, 2), np.int32), []
-    for placed, (intrinsics, cam_from_world) in zip(views.placed(vertices), cameras, strict=True):
+    for placed, (grey, intrinsics, cam_from_world) in zip(views.placed(vertices), pictures, strict=True):
         points = placed.astype(np.float32)
         ids, _ = face_ids(points, triangles, intrinsics[None], cam_from_world[None], corner, height, width)
-        drawn.append(View(intrinsics, cam_from_world, placed, np.asarray(ids)[0], (0, 0)))
+        drawn.append(View(grey, intrinsics, cam_from_world, placed, np.asarray(ids)[0]))
     return drawn
 
 
@@ -122,14 +122,11 @@ def _agreement(
     faces: np.ndarray,
     normals: np.ndarray,
     near: np.ndarray,
-    views: Views,
-    drawn: list[View],
-    here: int,
-    there: int,
+    view: View,
+    source: View,
 ) -> _Pulls:
     """Pull the surface to where the matches of two views lie."""
-    view, source = drawn[here], drawn[there]
-    found = compare_views(faces, near, view, views.grey[here], source, views.grey[there], FlowSettings())
+    found = compare(faces, near, view, source, FlowSettings())
     row, column = np.nonzero(found.good & (found.weight > 0.05))
     pixel = np.stack([column, row], axis=-1) + 0.5
     face = view.ids[row, column]

@@ -54,19 +54,13 @@ ANYWHERE = Reach()
 """Within the joint limits, and drawn around the start."""
 
 
-class _Box(NamedTuple):
-    """Of every degree of freedom: deviation of the first particles, and limits of the increment."""
-
-    spread: Float[Array, "*dof"]
-    lower: Float[Array, "*dof"]
-    upper: Float[Array, "*dof"]
-
-
 class _Region(NamedTuple):
-    """Where the particles of one group go: the box of every degree of freedom, which of the group's own are `distal`,
-    and `wide` and `prior` of `Reach`."""
+    """Where the particles of one group go: of every degree of freedom the deviation of the first particles and the
+    limits of the increment, which of the group's own are `distal`, and `wide` and `prior` of `Reach`."""
 
-    box: _Box
+    spread: Float[Array, "dof"]
+    lower: Float[Array, "dof"]
+    upper: Float[Array, "dof"]
     distal: Bool[Array, "group_dof"]
     wide: float
     prior: Float[Array, ""]
@@ -136,13 +130,14 @@ def _search(
 ) -> GroupResult:
     dofs, skeleton = group.part.dofs, group.character.skeleton
     group = replace(group, frame=group.frame.coarser(step))
-    own = _Box(*(values.at[dofs].get(mode="fill", fill_value=0.0) for values in region.box))  # no spread: it stays
-    scored = _ParticleEnergy(energy, group, base, own.spread, region.prior, capacity)
+    everyone = (region.spread, region.lower, region.upper)
+    spread, lower, upper = (of.at[dofs].get(mode="fill", fill_value=0.0) for of in everyone)  # no spread: it stays
+    scored = _ParticleEnergy(energy, group, base, spread, region.prior, capacity)
     pool, count = None, int(region.wide * sampler.num_particles)
     if count > 0:
         key, pool_key = jax.random.split(key)
-        pool = Pool(wide_population(pool_key, POOL * count, *own, region.distal), count)
-    best, info = run(sampler, scored, jnp.zeros(dofs.shape[0]), *own, key, pool=pool)
+        pool = Pool(wide_population(pool_key, POOL * count, spread, lower, upper, region.distal), count)
+    best, info = run(sampler, scored, jnp.zeros(dofs.shape[0]), spread, lower, upper, key, pool=pool)
     increment = jnp.zeros(skeleton.num_dofs).at[dofs].set(best, mode="drop")
 
     def windows(posed: Float[Array, "part_vertex 3"]) -> Int[Array, ""]:
@@ -200,7 +195,7 @@ class GroupSearch:
         problem = problem if self.surface is None else replace(problem, surface=self.surface)
         group = GroupProblem(self.character, self.part, pose, problem)
         unseen = replace(group, part=self.part.unseen())
-        region = _Region(self._box(pose, spread, reach), self.distal, reach.wide, jnp.float32(reach.prior))
+        region = self._region(pose, spread, reach)
         sizes = self.sizes
         while True:
             base = _prepare(self.energy, unseen, self.step, sizes.base_capacity)
@@ -212,7 +207,7 @@ class GroupSearch:
             sizes.capacity = max(sizes.capacity, power_of_two(1.2 * needed))
             sizes.base_capacity = max(sizes.base_capacity, power_of_two(1.1 * needed_base))
 
-    def _box(self, pose: Pose, spread: Float[np.ndarray, "dof"], reach: Reach) -> _Box:
+    def _region(self, pose: Pose, spread: Float[np.ndarray, "dof"], reach: Reach) -> _Region:
         """Bound the increments by the joint limits, and by the spread where they may not go far."""
         skeleton, spread = self.character.skeleton, np.asarray(spread, np.float32)
         free, angles = np.array(ROOT_REACH, np.float32), np.asarray(pose.angles)
@@ -221,7 +216,8 @@ class GroupSearch:
         if np.isfinite(reach.within):
             farthest = reach.within * spread
             lower, upper = np.maximum(lower, -farthest), np.minimum(upper, farthest)
-        return _Box(*jax.device_put((spread, lower, upper)))
+        box = jax.device_put((spread, lower, upper))
+        return _Region(*box, distal=self.distal, wide=reach.wide, prior=jnp.float32(reach.prior))
 
 
 def group_searches(

@@ -185,12 +185,7 @@ class FrameTracker:
         return Step(state, result, (*between, *revised))
 
     def result(
-        self,
-        frame: Frame,
-        answer: Answer,
-        drawn: DrawnPose,
-        history: MotionHistory | None,
-        seconds: dict[str, float],
+        self, frame: Frame, answer: Answer, drawn: DrawnPose, history: MotionHistory | None, seconds: dict[str, float]
     ) -> FrameResult:
         """Record a frame's answer."""
         _, terms = self.score(frame.problem, [answer.pose])
@@ -198,17 +193,17 @@ class FrameTracker:
         if history is not None:
             moved = np.asarray(difference(self.character.skeleton, history.pose, answer.pose))
             speed = float(np.linalg.norm(moved[:3])) / max(abs(frame.timestamp - history.timestamp), 1e-3)
-        verdict = judge_frame(self.evidence, drawn, self.tracker.verdict, speed)
+        confidence, status, covered_cost = judge_frame(self.evidence, drawn, self.tracker.verdict, speed)
         names = [term.name for term in self.tracker.scored.terms]
         energy = {name: float(value) for name, value in zip(names, terms[0], strict=True)}
-        energy["covered"] = verdict.covered_cost
+        energy["covered"] = covered_cost
         return FrameResult(
             frame.number,
             frame.timestamp,
             answer.pose,
             energy,
-            verdict.confidence,
-            verdict.status,
+            confidence,
+            status,
             answer.deviation,
             answer.hessian,
             seconds,

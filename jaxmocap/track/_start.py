@@ -11,10 +11,11 @@ from jaxmocap.observation import Frame, FrameImages, Observations, Rectangle, bu
 from jaxmocap.refinement import (
     FlowSettings,
     Rows,
+    current_views,
     descend,
     detection_rays,
     free_prior,
-    picture_source,
+    known_view,
     surface_flow,
 )
 from jaxmocap.refiners import Shooting
@@ -46,7 +47,7 @@ def flow_start(
     vertices = np.asarray(skin(character, base))
     rectangle = frame_rectangle(vertices, cameras, shown.frame, rectangle)
     sources = [
-        [picture_source(character, cameras, image, before.frame, camera, base)]
+        [known_view(character, cameras, image, before.frame, camera, base)]
         for camera, image in enumerate(before.images)
     ]
     problem = build_problem(shown.images, rectangle, cameras, shown.frame, vertices, observations.surface)
@@ -55,7 +56,8 @@ def flow_start(
     prior = free_prior(character, base, character.skeleton.per_dof(root=0.1, angles=0.5))
     for round_index, robust in enumerate(FLOW_ROBUST):
         posed, ids, _ = draw(character, pose, problem)
-        flows = surface_flow(character, posed, ids, crops, problem, sources, settings)
+        views = current_views(crops, problem, posed, ids)
+        flows = surface_flow(character.faces, problem.surface.near_faces, views, sources, settings)
         rows = tuple(Rows(lines, 0.02, robust) for lines in flows)
         start = difference(character.skeleton, base, pose)
         delta, _ = descend(character, base, start, rows, (), prior, Shooting(), steps=2)

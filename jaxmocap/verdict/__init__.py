@@ -3,7 +3,6 @@
 from ._doubts import Doubt as Doubt, doubts as doubts
 from ._frame_verdict import (
     FrameResult as FrameResult,
-    FrameVerdict as FrameVerdict,
     VerdictSettings as VerdictSettings,
     judge_frame as judge_frame,
     passed_over as passed_over,

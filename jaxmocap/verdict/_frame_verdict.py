@@ -17,21 +17,6 @@ LEAST_PIXELS = 30
 
 
 @dataclass(frozen=True)
-class FrameVerdict:
-    """What a frame says of itself.
-
-    Attributes:
-        confidence: of every landmark, 0 to 1.
-        status: "ok", "doubtful" or "lost".
-        covered_cost: mean cost of Eq. 6 over the covered pixels.
-    """
-
-    confidence: Float[np.ndarray, "landmark"]
-    status: str
-    covered_cost: float
-
-
-@dataclass(frozen=True)
 class VerdictSettings:
     """When frames and limbs are called doubtful or lost; not in the paper. Costs are those of Eq. 6, mean over pixels:
     0 explains them, 0.5 says nothing, 1 is background.
@@ -57,12 +42,18 @@ class VerdictSettings:
     confidence: float = 0.25
 
 
-def judge_frame(evidence: Evidence, drawn: DrawnPose, settings: VerdictSettings, speed: float = 0.0) -> FrameVerdict:
-    """Judge a frame by its drawn answer and the root's speed in metres per second."""
+def judge_frame(
+    evidence: Evidence, drawn: DrawnPose, settings: VerdictSettings, speed: float = 0.0
+) -> tuple[Float[np.ndarray, "landmark"], str, float]:
+    """Judge a frame by its drawn answer and the root's speed in metres per second.
+
+    Returns the confidence of every landmark, 0 to 1, the status, "ok", "doubtful" or "lost", and the mean cost of Eq. 6
+    over the covered pixels.
+    """
     skeleton, covered = evidence.character.skeleton, drawn.ids >= 0
     bodies = len(skeleton.body_names)
     if not covered.any():
-        return FrameVerdict(np.zeros(len(skeleton.landmark_names)), "lost", 1.0)
+        return np.zeros(len(skeleton.landmark_names)), "lost", 1.0
     body = evidence.face_bodies[drawn.ids[covered]]
     count = np.bincount(body, minlength=bodies)
     cost = np.bincount(body, weights=drawn.costs[covered], minlength=bodies) / np.maximum(count, 1)
@@ -77,7 +68,7 @@ def judge_frame(evidence: Evidence, drawn: DrawnPose, settings: VerdictSettings,
         status = "lost"
     elif speed > settings.top_speed:
         status = "doubtful"
-    return FrameVerdict(confidence[list(skeleton.landmark_bodies)], status, overall)
+    return confidence[list(skeleton.landmark_bodies)], status, overall
 
 
 @dataclass(frozen=True)

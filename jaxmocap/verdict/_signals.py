@@ -4,7 +4,6 @@ import itertools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -12,7 +11,7 @@ from jaxmocap._runtime import cores
 from jaxmocap.camera import view_angles
 from jaxmocap.character import Pose, Skeleton, skin
 from jaxmocap.observation import Frame
-from jaxmocap.refinement import Comparison, FlowSettings, compare, padded, same_time_sources
+from jaxmocap.refinement import Comparison, FlowSettings, compare, current_views
 from jaxmocap.search import DrawnPose, Evidence, without_seams
 
 _LEAST_PIXELS = 100
@@ -105,19 +104,17 @@ def _between_views(
 ) -> tuple[Float[np.ndarray, "pair"], Float[np.ndarray, "pair"], Float[np.ndarray, "limb"]]:
     """`view_gaps`, `matched` and `limb_gaps`."""
     character, problem = evidence.character, frame.problem
-    vertices, crops = skin(character, drawn.pose), frame.crops()
-    pictures = [padded(crop, origin) for crop, origin in zip(crops, np.asarray(problem.origins), strict=True)]
-    views = same_time_sources(pictures, problem, vertices, drawn.ids)
+    vertices = skin(character, drawn.pose)
+    views = current_views(frame.crops(), problem, vertices, drawn.ids)
     middle = np.append(np.asarray(vertices).mean(0), 1.0)
     cam_from_world = np.asarray(problem.cam_from_world)
     angles = view_angles(cam_from_world, middle[:3])
-    greys = [cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY) for crop in crops]
 
     def compared(pair: tuple[int, int]) -> Comparison | None:
         m, n = pair
         if angles[m, n] > WIDEST:
             return None
-        return compare(character, vertices, drawn.ids[m], greys[m], m, problem, views[n], settings)
+        return compare(character.faces, problem.surface.near_faces, views[m], views[n], settings)
 
     pairs = list(itertools.permutations(range(problem.num_cameras), 2))
     gaps, matched = [], []

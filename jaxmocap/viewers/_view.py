@@ -15,11 +15,10 @@ from jaxmocap.motion import Motion
 
 from ._limb_trust import words_about
 from ._shown import Shown, gather
-from ._view_body import BodyView, add_mesh
+from ._view_body import BodyView, SecondBody, TruePoints
 from ._view_cameras import CameraViews
+from ._view_curves import Curves
 
-_OTHER_COLOUR, _TRUTH_COLOUR = (170, 120, 230), (30, 160, 70)
-_CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#56a0d0")
 _FREE = "free"
 _REST = 0.1  # seconds after which a slider that is dragged rests
 _LEGEND = "Blue: found. Orange: doubtful. Red, see-through: lost or hidden. Click a camera to look through it."
@@ -91,7 +90,7 @@ class ResultViewer:
                 return
             self._slider.value = position
             self.position = position
-            self._draw()
+            self._redraw()
 
     def play(self, on: bool) -> None:
         """Play in the time of the video, over and over, or stop."""
@@ -125,16 +124,8 @@ class ResultViewer:
         scene.add_grid("/ground", plane=("yz", "xz", "xy")[axis], position=tuple(ground.tolist()), cell_size=0.5)
         self._body = BodyView(self._server, "/result/mesh", motion)
         self._bones = scene.add_line_segments("/result/skeleton", shown.bones(motion, 0), (20, 90, 40), thickness=0.014)
-        self._other_mesh = self._other_bones = None
-        if shown.other is not None:
-            self._other_mesh = add_mesh(self._server, "/other/mesh", shown.other, _OTHER_COLOUR)
-            points = shown.bones(shown.other, 0)
-            self._other_bones = scene.add_line_segments("/other/skeleton", points, (80, 40, 130), thickness=0.014)
-        self._truth = None
-        if shown.truth is not None:
-            self._truth = scene.add_point_cloud(
-                "/truth", np.zeros((1, 3), np.float32), _TRUTH_COLOUR, point_size=0.02, point_shape="circle"
-            )
+        self._other = None if shown.other is None else SecondBody(self._server, shown, shown.other)
+        self._truth = None if shown.truth is None else TruePoints(self._server, shown.truth)
         self._cameras = CameraViews(self._server, shown, self._look_through)
 
     # The panel ----------------------------------------------------------------------------------------------------
@@ -166,56 +157,30 @@ class ResultViewer:
         toggles = (self._opacity, self._with_mesh, self._with_bones, self._with_cameras, self._with_images)
         for toggle in (*toggles, self._with_truth, self._with_other, self._beside):
             toggle.on_update(lambda _: self._redraw())
-        self._plots = []
-        relative = {name: values / max(float(np.nanmedian(np.abs(values))), 1e-9) for name, values in _known(motion)}
-        if relative:
-            self._add_plot("Energy by term, over its median", relative)
-        self._add_plot("Confidence, mean over joints", {"confidence": motion.confidence.mean(axis=1)})
-        deviations = motion.joint_deviations
-        if deviations is not None:
-            self._add_plot("Uncertainty, median over joints, cm", {"deviation": 100 * np.median(deviations, axis=1)})
-
-    def _add_plot(self, title: str, curves: dict[str, np.ndarray]) -> None:
-        x = self.shown.motion.frames.astype(np.float64)
-        series: list[dict[str, Any]] = [{"label": "frame"}]
-        for number, name in enumerate(curves):
-            series.append({"label": name, "stroke": _CURVES[number % len(_CURVES)], "width": 1.5})
-        series.append({"label": "now", "stroke": "#888888", "width": 1})
-        values = [_filled(np.asarray(curve, np.float64)) for curve in curves.values()]
-        data = (x, *values, np.zeros(len(x)))
-        with self._server.gui.add_folder(title):
-            plot = self._server.gui.add_uplot(
-                data, tuple(series), scales={"x": {"time": False}}, legend={"show": len(curves) > 1}, aspect=1.8
-            )  # fmt: skip
-        self._plots.append((plot, x, values))
+        self._curves = Curves(self._server, motion)
 
     # What happens -------------------------------------------------------------------------------------------------
 
     def _redraw(self) -> None:
         with self._lock:
-            self._draw()
-
-    def _draw(self) -> None:
-        self._draw_bodies()
-        self._draw_rest()
+            self._draw_bodies()
+            self._draw_rest()
 
     def _draw_bodies(self) -> None:
         """Draw what follows the slider at once: the bodies, and where the cameras are."""
-        shown, index = self.shown, self.position
-        motion = shown.motion
+        shown, motion, index = self.shown, self.shown.motion, self.position
         with self._server.atomic():
             self._says.value = f"{motion.frames[index]}, {motion.timestamps[index]:.2f} s, {words_about(motion, index)}"
             opacity = float(self._opacity.value)
             self._body.draw(index, opacity, self._with_mesh.value)
             self._bones.points = shown.bones(motion, index)
             self._bones.visible = self._with_bones.value
-            self._draw_other(opacity)
-            if self._truth is not None and shown.truth is not None:
-                points = shown.truth[index]
-                points = points[np.isfinite(points).all(axis=1)].astype(np.float32)
-                self._truth.visible = self._with_truth.value and len(points) > 0
-                if len(points):
-                    self._truth.points = points
+            if self._other is not None:
+                bones = self._with_bones.value
+                shows = (self._with_mesh.value and opacity > 0, bones) if self._with_other.value else (False, False)
+                self._other.draw(index, opacity, *shows, self._beside.value)
+            if self._truth is not None:
+                self._truth.draw(index, self._with_truth.value)
             self._cameras.place(index, self._view_index(), self._with_cameras.value)
         self._server.flush()
 
@@ -230,26 +195,8 @@ class ResultViewer:
         images = self._cameras.read_images(*wanted) if images is None else images
         with self._server.atomic():
             self._cameras.show_images(index, through, images)
-            for plot, x, values in self._plots:
-                now = np.full(len(x), np.min(values))
-                now[index] = np.max(values)  # a spike where the slider is
-                plot.data = (x, *values, now)
+            self._curves.mark(index)
         self._server.flush()
-
-    def _draw_other(self, opacity: float) -> None:
-        if self._other_mesh is None or self._other_bones is None or self.shown.other is None:
-            return
-        place = self.shown.other_at(self.position)
-        there = place is not None and self._with_other.value
-        self._other_mesh.visible = there and self._with_mesh.value and opacity > 0
-        self._other_bones.visible = there and self._with_bones.value
-        if place is None:
-            return
-        self._other_mesh.vertices = self.shown.other.vertices(place)
-        self._other_mesh.opacity = None if opacity >= 1 else opacity
-        self._other_bones.points = self.shown.bones(self.shown.other, place)
-        for handle in (self._other_mesh, self._other_bones):
-            handle.position = self.shown.aside() if self._beside.value else (0.0, 0.0, 0.0)
 
     def _look(self) -> None:
         self._redraw()
@@ -301,14 +248,3 @@ class ResultViewer:
             self.go(after)
             due = (times[after] - times[here] if after else 0.5) / float(self._speed.value)
             self._stopped.wait(max(due - (time.perf_counter() - begin), 0.001))
-
-
-def _filled(values: np.ndarray) -> np.ndarray:
-    """Gaps bridged by straight lines: the plots of the page go blank over a NaN."""
-    known = np.isfinite(values)
-    places = np.arange(len(values))
-    return np.interp(places, places[known], values[known])
-
-
-def _known(motion: Motion) -> list[tuple[str, np.ndarray]]:
-    return [(name, values) for name, values in motion.energy.items() if np.isfinite(values).any()]

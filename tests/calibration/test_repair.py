@@ -12,7 +12,7 @@ from jaxmocap.calibration import calibrate, refuse_gaps
 from jaxmocap.calibration._features import Features
 from jaxmocap.calibration._footage import Footage, VideoFootage
 from jaxmocap.calibration._registration import Model, Sightings
-from jaxmocap.calibration._trajectory import repair
+from jaxmocap.calibration._repair import repair
 from jaxmocap.calibration._worker import write_result
 from jaxmocap.capture import Capture
 

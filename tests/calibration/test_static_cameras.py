@@ -15,8 +15,8 @@ from jaxmocap._cli import run
 from jaxmocap._results import InputError
 from jaxmocap.calibration import _static_job
 from jaxmocap.calibration._footage import VideoFootage
-from jaxmocap.calibration._person_adjustment import Beliefs, Noise, PersonProblem, Rig
-from jaxmocap.calibration._person_scene import believed_lengths, person_keypoints
+from jaxmocap.calibration._person_adjustment import PersonProblem, Rig
+from jaxmocap.calibration._person_scene import Beliefs, Noise, believed_lengths, person_keypoints
 from jaxmocap.calibration._standing import find_up
 from jaxmocap.calibration._static_rig import StaticRig, find_static_rig, triangulate
 from jaxmocap.calibration._stillness import _stillness

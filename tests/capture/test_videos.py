@@ -7,7 +7,8 @@ import pytest
 from small_captures import make_video, number_of, picture
 
 from jaxmocap._results import InputError
-from jaxmocap.capture._video import FrameReader, index_video, luma_frames, shared_frames
+from jaxmocap.capture import shared_frames
+from jaxmocap.capture._video import FrameReader, index_video, luma_frames
 
 
 def test_every_frame_is_found_going_forward_backward_and_jumping(tmp_path: Path):

@@ -1,7 +1,5 @@
 """Correspondences carried over the surface pull a perturbed pose to the truth."""
 
-from dataclasses import replace
-
 import cv2
 import jax.numpy as jnp
 import numpy as np
@@ -9,8 +7,8 @@ import pytest
 from perturbed import perturbed, vertex_errors
 
 from jaxmocap.character import retract
-from jaxmocap.observation import draw, full_image_ids
-from jaxmocap.refinement import FlowSettings, Rows, Source, descend, free_prior, surface_flow
+from jaxmocap.observation import draw
+from jaxmocap.refinement import FlowSettings, Rows, current_views, descend, free_prior, known_view, surface_flow
 from jaxmocap.refinement._compare import textured
 from jaxmocap.refinement._surface_flow import pick_samples
 from jaxmocap.refiners import Shooting
@@ -22,29 +20,25 @@ SETTINGS = FlowSettings()
 @pytest.fixture(scope="module")
 def selected_sources(world):
     """The selected frame, whose pose is known, as seen by each camera."""
-    vertices, view = jnp.asarray(world.vertices(SELECTED)), world.cameras.at(SELECTED)
-    ids = full_image_ids(world.character, vertices, world.cameras, SELECTED)
-    images = world.truth.images[SELECTED]
-    return [[Source(images[c], view.intrinsics[c], view.cam_from_world[c], vertices, ids[c])] for c in range(2)]
+    images, pose = world.truth.images[SELECTED], world.pose(SELECTED)
+    return [[known_view(world.character, world.cameras, images[c], SELECTED, c, pose)] for c in range(2)]
+
+
+def views_at(world, pose):
+    """The views of the frame at a pose."""
+    vertices, ids, _ = draw(world.character, pose, world.problem(FRAME))
+    crops = [world.rectangle(FRAME).crop(image, c) for c, image in enumerate(world.shown(FRAME).images)]
+    return current_views(crops, world.problem(FRAME), vertices, ids)
 
 
 def other_view_sources(world, pose):
     """Each camera's other camera at the same frame, at the pose being refined."""
-    problem = world.problem(FRAME)
-    vertices, ids, _ = draw(world.character, pose, problem)
-    sources = []
-    for camera in (1, 0):
-        origin = tuple(int(v) for v in problem.origins[camera])
-        view = (problem.intrinsics[camera], problem.cam_from_world[camera])
-        image = world.truth.images[FRAME, camera]
-        sources.append([Source(image, *view, vertices, np.asarray(ids[camera]), origin, same_time=True)])
-    return sources
+    return [[view] for view in reversed(views_at(world, pose))]
 
 
 def rows_at(world, pose, sources, settings=SETTINGS):
-    vertices, ids, _ = draw(world.character, pose, world.problem(FRAME))
-    crops = [world.rectangle(FRAME).crop(image, c) for c, image in enumerate(world.shown(FRAME).images)]
-    return surface_flow(world.character, vertices, ids, crops, world.problem(FRAME), sources, settings), vertices
+    views, near_faces = views_at(world, pose), world.problem(FRAME).surface.near_faces
+    return surface_flow(world.character.faces, near_faces, views, sources, settings), views[0].vertices
 
 
 def descended(world, pose, lines):
@@ -104,7 +98,7 @@ def test_the_other_view_pulls_a_body_back_in_depth(world):
 
 
 def test_a_body_that_the_source_does_not_see_gives_rows_of_weight_zero(world, selected_sources):
-    far = [[replace(s, vertices=s.vertices + jnp.array([40.0, 0, 0]))] for (s,) in selected_sources]
+    far = [[s._replace(vertices=s.vertices + np.array([40.0, 0, 0], np.float32))] for (s,) in selected_sources]
     lines, vertices = rows_at(world, world.pose(FRAME), far)
     for found in lines:
         assert found.weight.shape == (SETTINGS.samples,)
@@ -113,7 +107,7 @@ def test_a_body_that_the_source_does_not_see_gives_rows_of_weight_zero(world, se
 
 
 def test_a_darker_source_is_brought_to_the_brightness_of_the_view(world, selected_sources):
-    dark = [[replace(s, image=(0.7 * s.image).astype(np.uint8))] for (s,) in selected_sources]
+    dark = [[s._replace(image=(0.7 * s.image).astype(np.uint8))] for (s,) in selected_sources]
     lines, vertices = rows_at(world, world.pose(FRAME), dark)
     for found in lines:
         weight = np.asarray(found.weight)

@@ -167,13 +167,13 @@ def test_every_frame_shows_its_pose_its_images_and_its_status(viewer, world):
         np.testing.assert_allclose(
             viewer._body.parts[str(motion.status[index])].vertices, motion.vertices(index), atol=1e-5
         )
-        np.testing.assert_allclose(viewer._truth.points, shown.markers[index], atol=2e-3)  # float16 on the wire
+        np.testing.assert_allclose(viewer._truth.cloud.points, shown.markers[index], atol=2e-3)  # float16 on the wire
         assert viewer._says.value.endswith(f"s, {motion.status[index]}")
         ends = viewer._bones.points[0]
         pelvis, spine = (motion.joints[index, motion.joint_names.index(name)] for name in ("pelvis", "spine"))
         np.testing.assert_allclose(ends, [pelvis, spine], atol=1e-6)
         np.testing.assert_allclose(viewer._cameras.frusta[1].position, shown.cameras.centres()[1, index], atol=1e-4)
-        assert viewer._other_mesh.visible == (index > 0)
+        assert viewer._other.mesh.visible == (index > 0)
 
 
 def test_toggles_hide_what_they_name(viewer):
@@ -181,8 +181,8 @@ def test_toggles_hide_what_they_name(viewer):
     pairs = {
         "_with_mesh": viewer._body.parts["doubtful"],
         "_with_bones": viewer._bones,
-        "_with_truth": viewer._truth,
-        "_with_other": viewer._other_mesh,
+        "_with_truth": viewer._truth.cloud,
+        "_with_other": viewer._other.mesh,
         "_with_cameras": viewer._cameras.frusta[0],
     }
     for name, handle in pairs.items():
@@ -205,7 +205,7 @@ def test_a_second_result_stands_to_the_right_when_side_by_side(viewer, world):
     for beside, expected in ((True, 1.5 * right), (False, np.zeros(3))):
         viewer._beside.value = beside
         viewer._redraw()
-        np.testing.assert_allclose(viewer._other_mesh.position, expected, atol=1e-5)
+        np.testing.assert_allclose(viewer._other.mesh.position, expected, atol=1e-5)
 
 
 def test_the_picture_seen_through_a_camera_lies_where_the_camera_saw_it(viewer, world):
@@ -245,7 +245,7 @@ def test_it_plays_over_and_over(viewer):
 
 def test_curves_have_no_gaps_for_the_page_cannot_draw_them(viewer):
     viewer.go(2)
-    plot, _, _ = viewer._plots[0]
+    plot, _ = viewer._curves.plots[0]
     frames, energy, now = plot.data
     np.testing.assert_array_equal(frames, [0, 1, 2, 3])
     np.testing.assert_allclose(energy * 0.2, [0.2, 0.3, 0.4, 0.1])  # over its median

@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from jaxmocap._results import InputError
 
-from .._video import VideoIndex, shared_frames
+from .._span import shared_frames
+from .._video import VideoIndex
 from ._estimate import METHODS, Estimate, MethodName, Pair, Undecided, agreeing, choose, solve_offsets
 from ._flash import Brightness, Flash, compare_flashes, find_flashes, measure_brightness
 from ._motion import MotionCurve, compare_motions, measure_motion
