@@ -113,6 +113,24 @@ def test_the_body_is_made_of_keypoints_and_outlines_and_kept(folder, filmed, tmp
     assert len(steps) == count  # taken from the cache
 
 
+@pytest.mark.slow
+def test_frames_beyond_those_wanted_tell_nothing_of_the_body(tmp_path):
+    """Cameras that were lost there, or somebody else who walks in."""
+    filmed = make_capture(6, (192, 108), 2, fps=2.0, selected_frames=tuple(range(6)))
+    capture = Capture.open(unnamed(filmed, tmp_path / "capture"))
+    cameras = capture.cameras.cam_from_world.at[:, 4:].set(jnp.diag(jnp.asarray([-1.0, 1.0, -1.0, 1.0])))
+    write_cameras(
+        eqx.tree_at(lambda c: c.cam_from_world, capture.cameras, cameras),
+        capture.folder / "lost",
+        "colmap",
+        capture.video_frames,
+    )
+    lost = replace(capture, cameras_path=capture.folder / "lost", selected_frames=(0, 5))
+    made = character_of(lost, height=float(stature(filmed.character)), within=(0, 4), cache=False)
+    assert made.record["frames"] == list(FRAMES)
+    assert made.record["keypoint_error_m"] < 0.01
+
+
 def with_silhouettes(capture: Capture, filmed: SyntheticCapture) -> Capture:
     """Write true outlines as a detector's."""
     (capture.keypoints_folder / SILHOUETTES).mkdir()
