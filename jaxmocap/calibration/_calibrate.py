@@ -93,7 +93,8 @@ def calibrate(
     `up` in the first camera at the first shared frame (x right, y down, z forward), else found. `focal` lengths in
     pixels, by camera, are kept; without them they are found. `intrinsics` is a calibration file whose lenses are kept,
     of cameras that stand still. `frames` (first, end) are the shared frames that are wanted: elsewhere a camera may be
-    lost for as long as it likes, and lies between its neighbours. Whatever cameras the capture has are not looked at.
+    lost for as long as it likes, and lies between its neighbours, and keypoints there tell neither scale nor up.
+    Whatever cameras the capture has are not looked at.
 
     Where keypoints at many frames tell when a video began to a quarter of a frame, better than sound does,
     `Calibration.offsets` says so, and the person's bones are measured at those moments; not with `keep_offsets`. The
@@ -114,7 +115,8 @@ def calibrate(
     footage = footage_of(recorded, focal, (first, end), key_step, seed)
     lengths, source = known_bone_lengths(recorded, height)
     route = choose_route(recorded, footage, static, file, progress)
-    keypoints = keypoints_of(recorded)
+    wanted = set(recorded.video_frames[0, first:end].tolist())
+    keypoints = keypoints_of(recorded, wanted)
     refuse_without_scale(recorded, lengths, keypoints, camera_distance)
     with tempfile.TemporaryDirectory(prefix="jaxmocap-") as temporary:
         work = Path(temporary)
@@ -128,7 +130,7 @@ def calibrate(
         clock = None if keep_offsets else person_clock(recorded, solved)
         timed = recorded if clock is None else _moved(recorded, clock)
         if timed is not recorded:
-            solved, keypoints = Solved.read(work / "result.npz", timed), keypoints_of(timed)
+            solved, keypoints = Solved.read(work / "result.npz", timed), keypoints_of(timed, wanted)
         views = subject_views(timed, solved, keypoints)
         scale = find_scale(solved, views, lengths, source, camera_distance)
         people = [triangulate_views(view) for view in views]

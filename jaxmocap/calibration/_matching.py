@@ -63,7 +63,6 @@ def match_key_frames(footage: Footage, path: Path, report: Report) -> dict[Place
     features: dict[Place, Features] = {}
     ids: dict[Place, int] = {}
     total = sum(len(footage.key_frames(camera)) for camera in range(len(footage.videos)))
-    pairs = []
     with pycolmap.Database.open(path) as database:
         for camera, video in enumerate(footage.videos):
             _write_camera(database, footage, camera)
@@ -74,15 +73,23 @@ def match_key_frames(footage: Footage, path: Path, report: Report) -> dict[Place
                 database.write_keypoints(ids[place], found.points)
                 report("features of key frames", len(features), total)
             _refuse_blank(footage, camera, features)
-        wanted = key_pairs(footage)
-        for number, (one, other) in enumerate(wanted, start=1):
-            matches = match(features[one], features[other])
-            if len(matches) >= _FEWEST_MATCHES:
-                database.write_matches(ids[one], ids[other], matches)
-                pairs.append((one, other))
-            report("matching key frames", number, len(wanted))
-    _verify(footage, path, pairs, report)
-    _refuse_apart(footage, path)
+    wanted = key_pairs(footage)
+    across = [(one, other) for one, other in wanted if one[0] != other[0]]
+    within = [(one, other) for one, other in wanted if one[0] == other[0]]
+    done = 0
+    for pairs in (across, within):
+        matched = []
+        with pycolmap.Database.open(path) as database:
+            for one, other in pairs:
+                matches = match(features[one], features[other])
+                if len(matches) >= _FEWEST_MATCHES:
+                    database.write_matches(ids[one], ids[other], matches)
+                    matched.append((one, other))
+                done += 1
+                report("matching key frames", done, len(wanted))
+        _verify(footage, path, matched, report)
+        if pairs is across:
+            _refuse_apart(footage, path)  # the rest would not change it
     return features
 
 

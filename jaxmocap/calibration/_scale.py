@@ -174,9 +174,9 @@ def refuse_without_scale(
         )
     if most < FEWEST_BONES:
         raise InputError(
-            f"capture '{capture.name}' has no frame with keypoints of the person's limbs in two cameras "
-            f"(at best {most} bones are seen, {FEWEST_BONES} are needed), so its scale cannot be told: add keypoints, "
-            f"{how}"
+            f"capture '{capture.name}' has no frame with keypoints of the person's limbs in two cameras among those "
+            f"wanted (at best {most} bones are seen, {FEWEST_BONES} are needed), so its scale cannot be told: add "
+            f"keypoints, {how}"
         )
 
 

@@ -1,6 +1,6 @@
 """What is known of the person, and what the cameras see of them: bone lengths, keypoints, triangulated points."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -63,13 +63,15 @@ def known_bone_lengths(capture: Capture, height: float | None) -> tuple[dict[str
     return lengths, "actor" if height is None else "actor and height"
 
 
-def keypoints_of(capture: Capture, most: int = 30) -> dict[int, np.ndarray]:
+def keypoints_of(capture: Capture, wanted: Container[int], most: int = 30) -> dict[int, np.ndarray]:
     """Read BODY_25 keypoints, (camera, 25, 3) by shared frame, in pixels of the recorded videos.
 
-    Frames are those at which two cameras have keypoints, at most `most` of them. `capture` is as recorded.
+    Frames are those at which two cameras have keypoints, at most `most` of them, and whose own number in the first
+    video is among the `wanted`. `capture` is as recorded.
     """
     frames = [set(capture.keypoint_frames(camera)) for camera in range(capture.num_cameras)]
     shared = sorted(f for f in set().union(*frames) if sum(f in own for own in frames) >= 2)
+    shared = [frame for frame in shared if int(capture.video_frames[0, frame]) in wanted]
     found = {}
     for frame in shared[:: max(1, -(-len(shared) // most))]:
         people = [capture.keypoints(camera, frame) for camera in range(capture.num_cameras)]

@@ -1,7 +1,7 @@
 """Checks that need cameras: their paths, and whether keypoints seen through them make a person of human size, who does
 not face backwards."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from itertools import combinations
 
 import jax
@@ -77,11 +77,13 @@ def check_paths(capture: Capture, cameras: Cameras) -> Iterator[Finding]:
             )
 
 
-def _frames_to_try(capture: Capture) -> list[int]:
-    """Frames with keypoints in at least two cameras: the selected ones, else a few spread over the capture."""
+def _frames_to_try(capture: Capture, among: Collection[int] | None) -> list[int]:
+    """Frames with keypoints in at least two cameras: those `among`, or else the selected ones, or else a few spread
+    over the capture."""
     seen = [set(capture.keypoint_frames(index)) for index in range(capture.num_cameras)]
     shared = sorted({frame for a, b in combinations(seen, 2) for frame in a & b})
     chosen = [frame for frame in shared if frame in (capture.selected_frames or ())] or shared
+    chosen = chosen if among is None else [frame for frame in shared if frame in among]
     return (
         [chosen[i] for i in sorted({round(x) for x in np.linspace(0, len(chosen) - 1, _MOST_FRAMES)})] if chosen else []
     )
@@ -211,20 +213,21 @@ def _points_at(
 
 
 def triangulated_people(
-    capture: Capture, cameras: Cameras, findings: list[Finding]
+    capture: Capture, cameras: Cameras, findings: list[Finding], among: Collection[int] | None = None
 ) -> dict[int, Float[np.ndarray, "25 3"]]:
     """Triangulate the keypoints of some frames: (25, 3) points in metres by frame, NaN where unseen.
 
-    What is wrong with frames that cannot be used is put into `findings`.
+    They are `among` those given, or else the selected ones, or a few. What is wrong with frames that cannot be used is
+    put into `findings`.
     """
-    found = {frame: _points_at(capture, cameras, frame, findings) for frame in _frames_to_try(capture)}
+    found = {frame: _points_at(capture, cameras, frame, findings) for frame in _frames_to_try(capture, among)}
     return {frame: points for frame, points in found.items() if points is not None}
 
 
-def check_subject(capture: Capture, cameras: Cameras) -> list[Finding]:
-    """Triangulate the keypoints and check residuals, side of the camera, and the person's height and handedness."""
+def check_subject(capture: Capture, cameras: Cameras, frames: Collection[int]) -> list[Finding]:
+    """Triangulate keypoints at `frames`; check residuals, side of the camera, the person's height and handedness."""
     findings: list[Finding] = []
-    people = triangulated_people(capture, cameras, findings)
+    people = triangulated_people(capture, cameras, findings, frames)
     return [*findings, *check_triangulated(cameras, people)]
 
 

@@ -51,6 +51,7 @@ def character_of(
     height: float | None = None,
     *,
     scale_cameras: bool = False,
+    within: tuple[int, int | None] = (0, None),
     key: PRNGKeyArray | None = None,
     say: Say | None = None,
     progress: Report | None = None,
@@ -62,7 +63,8 @@ def character_of(
     well-spread frames and to the person's outlines there (without a detector's silhouettes in `MOST_MASKED` of them),
     `height` metres tall where that is known. With one camera it is the built-in body of that height. `scale_cameras`
     says that the height is known better than the cameras' scale: where there are outlines the body is as tall as they
-    show it, then it and the cameras are scaled to the height (`MadeBody.camera_scale`).
+    show it, then it and the cameras are scaled to the height (`MadeBody.camera_scale`). Only frames `within` (first,
+    end) are looked at.
 
     `say` is told of what was assumed. Raises `InputError` where an actor and a height are given, for a height that no
     person has, and where nothing tells how tall the person is.
@@ -74,7 +76,7 @@ def character_of(
         assert named is not None
         return MadeBody(open_actor(named, say))
     generic = body(height)
-    frames = _frames(capture)
+    frames = _frames(capture, within)
     if not measurable(capture, frames):
         why = _too_few(capture, len(frames))
         if height is None:
@@ -131,12 +133,13 @@ def no_actor(capture: Capture) -> Finding:
     return Finding("warning", "actor", told)
 
 
-def _frames(capture: Capture) -> tuple[int, ...]:
+def _frames(capture: Capture, within: tuple[int, int | None] = (0, None)) -> tuple[int, ...]:
     """Frames whose keypoints can tell the person's lengths: the selected ones, and others that stand for all."""
     if capture.num_cameras < 2 or capture.keypoints_folder is None:
         return ()
-    chosen = choose_frames(capture, capture.cameras, MOST_FRAMES).frames
-    return usable_frames(capture, capture.cameras, sorted({*chosen, *(capture.selected_frames or ())}))
+    chosen = choose_frames(capture, capture.cameras, MOST_FRAMES, within).frames
+    selected = set(capture.selected_frames or ()).intersection(range(capture.num_frames)[slice(*within)])
+    return usable_frames(capture, capture.cameras, sorted({*chosen, *selected}))
 
 
 def _too_few(capture: Capture, count: int) -> str:

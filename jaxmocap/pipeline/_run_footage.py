@@ -211,7 +211,7 @@ class FootageWork(RunInputs):
         )
         for warning in found.record["warnings"]:
             self.say(f"Warning: {warning}.")
-        refuse_views_of_different_people(self._open())
+        refuse_views_of_different_people(self._open(), options.frames)
         if self.offsets() != synchronised:
             self.record.set("synchronise", self.of_synchronise(), self.offsets())
             if self.record.begun("detect"):

@@ -168,7 +168,7 @@ class RunInputs:
             return [path_hash(self.options.actor), self.options.height]
         if self.options.scan is not None:
             return [path_hash(self.options.scan), self.options.height, self.options.seed]
-        return [self.seen(), self.options.height, self.options.seed]
+        return [self.seen(), self.options.height, self.options.frames, self.options.seed]
 
     def seen(self) -> Any:
         """List what is known of the person and the cameras, and how `capture.toml` says they are to be read."""

@@ -56,6 +56,7 @@ class RunWork(FootageWork):
                 capture,
                 height=options.height,
                 scale_cameras=self.scale_from_height(),
+                within=self.options.frames,
                 key=key,
                 say=self.say,
                 progress=self.progress,

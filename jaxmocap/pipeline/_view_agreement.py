@@ -64,12 +64,13 @@ def agreeing(capture: Capture, people: dict[str, FollowedPerson]) -> tuple[dict[
     return result, share
 
 
-def refuse_views_of_different_people(capture: Capture) -> None:
+def refuse_views_of_different_people(capture: Capture, within: tuple[int, int | None] = (0, None)) -> None:
     """Raise `InputError` where the person's keypoints contradict the cameras; `capture` has cameras.
 
-    They do where they lie more than `_CONTRADICTING` from the other view's epipolar lines in the median.
+    They do where they lie more than `_CONTRADICTING` from the other view's epipolar lines in the median over the frames
+    `within` (first, end).
     """
-    far = [pair for pair in beside_lines(capture) if pair[2] > _CONTRADICTING]
+    far = [pair for pair in beside_lines(capture, within) if pair[2] > _CONTRADICTING]
     if far:
         first, second, distance = max(far, key=lambda pair: pair[2])
         raise InputError(
@@ -79,14 +80,15 @@ def refuse_views_of_different_people(capture: Capture) -> None:
         )
 
 
-def beside_lines(capture: Capture) -> list[tuple[str, str, float]]:
+def beside_lines(capture: Capture, within: tuple[int, int | None] = (0, None)) -> list[tuple[str, str, float]]:
     """Measure for every two cameras how far the person's keypoints lie from the other view's epipolar lines.
 
-    Of at most `_ASKED` frames, evenly spread, the median, in pixels of a picture whose longer side is 960; without
-    cameras that share too few points. `capture` has cameras.
+    Of at most `_ASKED` frames `within` (first, end), evenly spread, the median, in pixels of a picture whose longer
+    side is 960; without cameras that share too few points. `capture` has cameras.
     """
     found = []
-    frames = [set(capture.keypoint_frames(camera)) for camera in range(capture.num_cameras)]
+    span = range(capture.num_frames)[slice(*within)]
+    frames = [set(capture.keypoint_frames(camera)).intersection(span) for camera in range(capture.num_cameras)]
     for first, second in combinations(range(capture.num_cameras), 2):
         shared = np.array(sorted(frames[first] & frames[second]), int)
         shared = shared[np.unique(np.linspace(0, len(shared) - 1, min(_ASKED, len(shared))).round().astype(int))]

@@ -75,7 +75,7 @@ def fit_character(
             f"{FEWEST_POINTS} or more keypoints in two views, but fitting a character needs {FEWEST_FRAMES} such "
             "frames; add keypoint files, or choose other frames with --at."
         )
-    for finding in check_subject(capture, cameras):
+    for finding in check_subject(capture, cameras, chosen):
         if finding.severity == "error":
             raise InputError(f"capture '{capture.name}': {finding.message}")
     generic, grown = character, 0.0

@@ -172,7 +172,7 @@ def register(
     if frames is None:
         frames = capture.selected_frames or choose_frames(capture, cameras).frames
     if start is None:
-        for finding in check_subject(capture, cameras):
+        for finding in check_subject(capture, cameras, frames):
             if finding.severity == "error":
                 raise InputError(f"capture '{capture.name}': {finding.message}")
     character = filled_up(character)

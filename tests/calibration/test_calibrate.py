@@ -16,7 +16,8 @@ from jaxmocap._results import InputError
 from jaxmocap.calibration import _calibrate, calibrate
 from jaxmocap.calibration._child import run_worker
 from jaxmocap.calibration._footage import footage_of
-from jaxmocap.calibration._matching import match_key_frames
+from jaxmocap.calibration._matching import key_pairs, match_key_frames
+from jaxmocap.calibration._subject import keypoints_of
 from jaxmocap.calibration._trajectory import find_outliers
 from jaxmocap.capture import Capture, with_cameras_line
 from jaxmocap.geometry import align_cameras, camera_residuals
@@ -105,6 +106,21 @@ def test_a_capture_whose_scale_nothing_tells_is_refused_before_the_long_run(squa
     assert sorted(file.name for file in tmp_path.iterdir()) == ["cam0.mp4", "cam1.mp4", "capture.toml"]
 
 
+def test_keypoints_beyond_the_frames_that_are_wanted_do_not_tell_the_scale(square, tmp_path, capsys):
+    for video in ("cam0.mp4", "cam1.mp4"):
+        (tmp_path / video).symlink_to(square / video)
+    (tmp_path / "capture.toml").write_text('keypoints = "keypoints"\n' + TOML)
+    (tmp_path / "keypoints").mkdir()
+    person = json.dumps({"people": [{"pose_keypoints_2d": [100.0, 100.0, 0.9] * 25}]})
+    for name in ("cam0", "cam1"):
+        (tmp_path / "keypoints" / f"{name}_{8:05d}_keypoints.json").write_text(person)
+    said = refused([tmp_path, "--height", 1.8, "--frames", "0:8"], capsys)
+    assert "no frame with keypoints of the person's limbs in two cameras among those wanted (at best 0 bones" in said
+    capture = Capture.open(tmp_path, with_cameras=False)
+    assert list(keypoints_of(capture, range(COUNT))) == [8]
+    assert keypoints_of(capture, range(8)) == {}
+
+
 def two(tmp_path: Path, square: Path, second: Path) -> Capture:
     """A capture of the square's first video and another one."""
     (tmp_path / "cam0.mp4").symlink_to(square / "cam0.mp4")
@@ -117,11 +133,14 @@ def test_a_black_video_and_one_of_another_place_are_refused(square, tmp_path):
     black = write_video(tmp_path / "black.mp4", COUNT, lambda number: np.zeros((*SIZE[::-1], 3), np.uint8))
     noise = np.random.default_rng(5).integers(0, 255, (90, 160, 3), np.uint8).repeat(3, 0).repeat(3, 1)
     other = write_video(tmp_path / "other.mp4", COUNT, lambda number: np.roll(noise, number, axis=1))
+    steps: list[tuple[str, int, int]] = []
     for name, video, words in (("a", black, "'cam1'.* 0 points"), ("b", other, "'cam1' shares no background")):
         (tmp_path / name).mkdir()
         footage = replace(footage_of(two(tmp_path / name, square, video), None, (0, COUNT), 5, 0), num_features=600)
         with pytest.raises(InputError, match=words):
-            match_key_frames(footage, tmp_path / name / "database.db", silent)
+            match_key_frames(footage, tmp_path / name / "database.db", lambda *step: steps.append(step))
+    matched = [done for stage, done, _ in steps if stage == "matching key frames"]
+    assert matched[-1] == sum(one[0] != other[0] for one, other in key_pairs(footage))  # none within a camera
 
 
 def test_nothing_but_the_person_is_refused(square, tmp_path):

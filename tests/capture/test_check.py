@@ -16,7 +16,7 @@ from small_captures import (
 )
 
 from jaxmocap._results import InputError
-from jaxmocap.capture import KEYPOINT_NAMES, Capture, Finding, FrameReader, check, index_video
+from jaxmocap.capture import KEYPOINT_NAMES, Capture, Finding, FrameReader, check, check_subject, index_video
 
 
 def _of(findings: list[Finding], severity: str) -> list[str]:
@@ -256,6 +256,16 @@ def test_left_and_right_exchanged_in_all_keypoints_is_named(small: Path):
     exchanged = [KEYPOINT_NAMES.index(other.get(n[0], n[0]) + n[1:] if n[1] == "_" else n) for n in KEYPOINT_NAMES]
     _retake(small, POSES, PERSON[exchanged])
     assert _said(check(small), "error", "left and right are exchanged")
+
+
+def test_only_the_frames_asked_for_tell_whether_the_person_is_right(small: Path):
+    other = {"l": "r", "r": "l"}
+    exchanged = [KEYPOINT_NAMES.index(other.get(n[0], n[0]) + n[1:] if n[1] == "_" else n) for n in KEYPOINT_NAMES]
+    for name, pose in POSES.items():
+        write_keypoints(small / "keypoints" / f"{name}_00006_keypoints.json", pose, points=PERSON[exchanged])
+    capture = Capture.open(small)
+    assert _of(check_subject(capture, capture.cameras, (0,)), "error") == []
+    assert _said(check_subject(capture, capture.cameras, (6,)), "error", "left and right are exchanged")
 
 
 def test_a_camera_that_jumps_for_one_frame_is_named(small: Path):

@@ -97,7 +97,7 @@ def done(monkeypatch, motion) -> list[str]:
         monkeypatch.setattr(_run_work if hasattr(_run_work, name) else _run_footage, name, stand_in)
     monkeypatch.setattr(_run_files, "require_runner", lambda: None)
     monkeypatch.setattr(_run_files, "get_weights", lambda *_, **__: None)
-    monkeypatch.setattr(_run_footage, "refuse_views_of_different_people", lambda capture: None)
+    monkeypatch.setattr(_run_footage, "refuse_views_of_different_people", lambda *asked: None)
     opened = Capture.open
     monkeypatch.setattr(Capture, "open", staticmethod(lambda path, **_: opened(path, with_cameras=False)))
     return names

@@ -353,6 +353,7 @@ def test_cameras_that_the_person_contradicts_are_refused_and_others_are_not(view
     capture = SimpleNamespace(
         camera_names=NAMES,
         num_cameras=3,
+        num_frames=seen.num_frames,
         sizes=((960, 540),) * 3,
         cameras=seen.cameras,
         keypoint_frames=lambda view: range(seen.num_frames),
@@ -362,3 +363,5 @@ def test_cameras_that_the_person_contradicts_are_refused_and_others_are_not(view
     people["cam2"].points[..., 1] += 60
     with pytest.raises(InputError, match=r"'cam[01]' and 'cam2' lie \d\d pixels .* \(--person\)"):
         refuse_views_of_different_people(capture)
+    people["cam2"].points[: seen.num_frames // 3, :, 1] -= 60
+    refuse_views_of_different_people(capture, (0, seen.num_frames // 3))

@@ -16,7 +16,7 @@ from jaxmocap._results import InputError
 from jaxmocap.camera import project, write_cameras
 from jaxmocap.capture import KEYPOINT_NAMES, SILHOUETTES, Capture, mask_file
 from jaxmocap.character import BodyShape, bone_lengths, landmark_positions, scaled, stature
-from jaxmocap.pipeline import character_of, no_actor
+from jaxmocap.pipeline import MadeBody, _made_to_measure, character_of, no_actor
 from jaxmocap.registration import fit_character
 from jaxmocap.rigging import body
 from jaxmocap.synthetic import SyntheticCapture, make_capture, write_capture
@@ -111,6 +111,22 @@ def test_the_body_is_made_of_keypoints_and_outlines_and_kept(folder, filmed, tmp
     count = len(steps)
     assert np.array_equal(make().character.vertices, made.character.vertices)
     assert len(steps) == count  # taken from the cache
+
+
+def test_frames_beyond_those_wanted_tell_nothing_of_the_body(filmed, folder, monkeypatch):
+    """Cameras that were lost there, or somebody else who walks in; selected frames of an earlier span do not count."""
+    used: list[tuple[int, ...]] = []
+
+    def fitted(capture, generic, frames, *told):
+        used.append(frames)
+        return MadeBody(generic)
+
+    monkeypatch.setattr(_made_to_measure, "_fitted", fitted)
+    capture = replace(Capture.open(folder), selected_frames=(0, 3))
+    tall = float(stature(filmed.character))
+    character_of(capture, height=tall, cache=False)
+    character_of(capture, height=tall, within=(0, 3), cache=False)
+    assert used == [(0, 1, 2, 3), (0, 1, 2)]
 
 
 def with_silhouettes(capture: Capture, filmed: SyntheticCapture) -> Capture:

@@ -199,5 +199,5 @@ def test_other_frames_calibrate_again_only_where_a_camera_is_lost_in_them(clips,
     """The right camera is lost from frame 6 on."""
     out = tmp_path / "dance"
     run(clips, out, height=1.8, frames=(0, 4))
-    assert again(clips, out, frames=(0, 6))[1] == ["selected frames", "track"]
+    assert again(clips, out, frames=(0, 6))[1] == ["body", "selected frames", "track"]
     assert "calibrate" in run(clips, out, height=1.8, frames=(0, 12)).seconds
