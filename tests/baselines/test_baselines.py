@@ -60,7 +60,7 @@ def test_perfect_keypoints_place_the_body_to_a_centimetre(world, stood_still, tm
 
 
 def test_keypoint_triangulation_asks_for_keypoints(world):
-    with pytest.raises(InputError, match="keypoints at every frame.*find them with jaxmocap detect"):
+    with pytest.raises(InputError, match=r"keypoints at every frame.*find them with jaxmocap detect"):
         track(world.observations(), tracker=KeypointTriangulation())
 
 
