@@ -72,17 +72,25 @@ def detect(
     return Features(places, np.minimum(np.round(512 * roots), 255).astype(np.uint8))
 
 
-def read_features(video: VideoFootage, frames: Iterable[int], count: int) -> Iterator[tuple[int, Features]]:
-    """Decode the frames, in order, made as large as the footage says, and find their features."""
+def read_images(
+    video: VideoFootage, frames: Iterable[int]
+) -> Iterator[tuple[int, UInt8[np.ndarray, "height width 3"]]]:
+    """Decode the frames, in order, made as large as the footage says."""
     reader = FrameReader(index_video(Path(video.path)))
     try:
         for frame in frames:
             image = reader.read(frame)
             if video.recorded_size is not None:
                 image = cv2.resize(image, video.size, interpolation=cv2.INTER_AREA)
-            yield frame, detect(image, person_mask(video, frame), count)
+            yield frame, image
     finally:
         reader.close()
+
+
+def read_features(video: VideoFootage, frames: Iterable[int], count: int) -> Iterator[tuple[int, Features]]:
+    """Decode the frames, in order, and find their features."""
+    for frame, image in read_images(video, frames):
+        yield frame, detect(image, person_mask(video, frame), count)
 
 
 def match(a: Features, b: Features) -> UInt32[np.ndarray, "match 2"]:

@@ -1,4 +1,4 @@
-"""Placing single frames in a model: features matched with placed key frames, then perspective-n-point."""
+"""A model that single frames are placed in: features matched with placed key frames, then perspective-n-point."""
 
 from dataclasses import dataclass, field
 
@@ -7,8 +7,8 @@ import numpy as np
 import pycolmap
 from jaxtyping import Float, Int
 
-from ._features import Features, match, read_features
-from ._footage import Footage, Report
+from ._features import Features, match
+from ._footage import Footage
 from ._matching import FEWEST_SEEN, Place, frame_pairs
 
 _MAX_ERROR = 3.0  # pixels at a width of 960
@@ -170,26 +170,3 @@ def _residuals(lens: pycolmap.Camera, rigid: pycolmap.Rigid3d, points: np.ndarra
     if front.any():
         errors[front] = np.linalg.norm(lens.img_from_cam(inside[front]) - pixels[front], axis=1)
     return errors
-
-
-def place_other_frames(model: Model, report: Report) -> dict[Place, Sightings]:
-    """Place every frame that has no pose yet; return what each of them may see, for another try."""
-    footage = model.footage
-    sightings: dict[Place, Sightings] = {}
-    missing = [
-        [frame for frame in video.frames if model.pose((camera, frame)) is None]
-        for camera, video in enumerate(footage.videos)
-    ]
-    found: dict[Place, PlacedFrame] = {}
-    total = sum(map(len, missing))
-    for camera, video in enumerate(footage.videos):
-        for frame, features in read_features(video, missing[camera], footage.num_features):
-            place = camera, frame
-            sightings[place] = model.sightings(place, features)
-            placed = model.place(camera, sightings[place])
-            if placed is not None:
-                found[place] = placed
-            report("placing all frames", len(sightings), total)
-    for place, placed in found.items():  # after all were placed by key frames alone
-        model.add(place, placed)
-    return sightings

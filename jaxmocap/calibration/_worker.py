@@ -17,11 +17,12 @@ import pycolmap
 
 from jaxmocap._results import InputError
 
+from ._following import place_other_frames
 from ._footage import Footage, Report
 from ._mapping import map_key_frames, median_depth, observations
 from ._matching import match_key_frames
 from ._picture_worker import map_pictures
-from ._registration import Model, place_other_frames
+from ._registration import Model
 from ._repair import Repairs, path_of, refuse_motionless, remove_outliers, repair
 from ._static_worker import reconstruct_static
 from ._uncertainty import deviation_of_places

@@ -1,6 +1,6 @@
 """Wrong and missing poses of a model whose cameras are known."""
 
-import cv2  # noqa: F401  (before pycolmap)
+import cv2  # before pycolmap
 import numpy as np
 import pycolmap
 import pytest
@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from jaxmocap._results import InputError
 from jaxmocap.calibration import calibrate, refuse_gaps
 from jaxmocap.calibration._features import Features
+from jaxmocap.calibration._following import follow
 from jaxmocap.calibration._footage import Footage, VideoFootage
 from jaxmocap.calibration._registration import Model, Sightings
 from jaxmocap.calibration._repair import repair
@@ -98,3 +99,19 @@ def test_a_long_gap_is_refused_where_frames_are_wanted(small):
     refuse_gaps(capture, lost, (0, 2))
     with pytest.raises(InputError, match="frames 9:3 are wanted, but the capture has 12 shared frames, 0 to 11"):
         calibrate(capture, camera_distance=1.0, frames=(9, 3))
+
+
+def test_points_are_followed_into_a_picture_that_moved_by_known_pixels_and_lost_where_it_changed():
+    noise = np.random.default_rng(0).normal(size=(480, 960))
+    layers = [cv2.GaussianBlur(noise, (0, 0), width) for width in (2, 6, 18, 54)]  # as pictures have it: at all scales
+    before = np.clip(128 + sum(20 * layer / layer.std() for layer in layers), 0, 255).astype(np.uint8)
+    shift = np.array([3.25, -1.5], np.float32)
+    after = cv2.warpAffine(before, np.array([[1, 0, shift[0]], [0, 1, shift[1]]]), (960, 480))
+    after[:, 640:] = 255 - after[:, 640:]
+    across, down = np.meshgrid(np.arange(60.5, 900, 20), np.arange(60.5, 420, 20))
+    pixels = np.stack([across, down], -1).reshape(-1, 2).astype(np.float32)
+    arrived, good = follow(before, after, pixels, within=0.5)
+    kept = pixels[:, 0] < 400
+    assert good[kept].mean() > 0.95
+    assert np.abs(arrived - pixels - shift)[good & kept].max() < 0.1
+    assert good[pixels[:, 0] > 660].mean() < 0.5
