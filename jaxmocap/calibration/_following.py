@@ -40,11 +40,11 @@ def follow(
         return pixels, np.zeros(0, bool)
     start = np.ascontiguousarray((pixels - 0.5)[:, None])
     size = _WINDOW, _WINDOW
-    arrived, there, _ = cv2.calcOpticalFlowPyrLK(  # pyright: ignore[reportCallIssue]
-        before, after, start, None, winSize=size, maxLevel=_LEVELS, criteria=_STEPS
+    arrived, there, _ = cv2.calcOpticalFlowPyrLK(
+        before, after, start, np.empty_like(start), winSize=size, maxLevel=_LEVELS, criteria=_STEPS
     )
-    back, again, _ = cv2.calcOpticalFlowPyrLK(  # pyright: ignore[reportCallIssue]
-        after, before, arrived, None, winSize=size, maxLevel=_LEVELS, criteria=_STEPS
+    back, again, _ = cv2.calcOpticalFlowPyrLK(
+        after, before, arrived, np.empty_like(start), winSize=size, maxLevel=_LEVELS, criteria=_STEPS
     )
     good = (there.ravel() == 1) & (again.ravel() == 1) & (np.linalg.norm((back - start)[:, 0], axis=1) < within)
     return arrived[:, 0] + 0.5, good
