@@ -362,6 +362,7 @@ def test_the_hosted_notebook_shows_a_clip_of_a_single_frame(monkeypatch):
         assert names["shown"].frames.tolist() == frames
 
 
+@pytest.mark.slow
 def test_the_frame_that_notebooks_begin_with_shows_the_person(monkeypatch):
     """The notebooks themselves are long checks."""
     monkeypatch.syspath_prepend(ROOT / "notebooks")

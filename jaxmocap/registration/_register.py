@@ -171,6 +171,8 @@ def register(
     check_key(key)
     if frames is None:
         frames = capture.selected_frames or choose_frames(capture, cameras).frames
+    for values in (overrides or {}).values():  # a wrong name is told before the long work
+        apply_overrides(character, rest_pose(character.skeleton), values)
     if start is None:
         for finding in check_subject(capture, cameras, frames):
             if finding.severity == "error":

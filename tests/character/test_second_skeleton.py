@@ -205,6 +205,7 @@ def test_the_distal_bodies_of_a_person_are_those_beyond_elbows_and_knees(arm):
     assert skeleton.kind("l_leg") == skeleton.kind("r_leg") == "leg"
 
 
+@pytest.mark.slow
 def test_search_and_refinement_find_the_pose(character, truth, found):
     off = [
         float(np.linalg.norm(np.asarray(skin(character, pose)) - np.asarray(skin(character, truth)), axis=1).mean())
@@ -215,6 +216,7 @@ def test_search_and_refinement_find_the_pose(character, truth, found):
     assert off[2] < 0.6 * off[1]
 
 
+@pytest.mark.slow
 def test_the_score_is_least_at_the_truth(character, problem, truth, found):
     score = PoseScore(ENERGY, character)
     totals, terms = score(problem, [*found, truth])

@@ -39,7 +39,7 @@ def scores(world, moves, driver):
     return total(ENERGY, group, moves)
 
 
-@pytest.mark.parametrize("driver", ["loop", "scatter"])
+@pytest.mark.parametrize("driver", ["loop", pytest.param("scatter", marks=pytest.mark.slow)])
 def test_particles_score_the_same_in_double_precision(world, driver):
     single = scores(world, jnp.asarray(MOVES, jnp.float32), driver)
     with jax.enable_x64(True):
@@ -48,6 +48,7 @@ def test_particles_score_the_same_in_double_precision(world, driver):
         np.testing.assert_allclose(double, single, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_the_soft_energy_and_its_gradient_are_the_same_in_double_precision(world):
     character, pose, problem = world.character, world.pose(FRAME), world.problem(FRAME)
 

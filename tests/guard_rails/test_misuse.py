@@ -181,6 +181,7 @@ class _Named:
         name, num_frames = "plaza", 9
 
 
+@pytest.mark.slow
 def test_no_particles_have_no_scores(capture, shown):
     poses = {frame: shown.pose(frame) for frame in shown.selected_frames}
     settings = AppearanceSettings(grid=GridSettings(rows=8, columns=8))

@@ -69,6 +69,7 @@ def test_the_distance_to_the_keypoints_is_that_of_the_pose_in_the_end(world, reg
     assert found.keypoint_rms == pytest.approx(registered[0].keypoint_rms, abs=0.003)
 
 
+@pytest.mark.slow
 def test_frames_side_by_side_come_out_as_each_alone_and_progress_is_told(world):
     told = []
     both = register(
