@@ -12,6 +12,7 @@ from jaxmocap.character import ROOT_DOFS, Pose, Skeleton, landmark_positions, re
 from jaxmocap.motion import Contact, evened
 
 from ._contacts import find_contacts
+from ._flow_steps import FlowSteps
 from ._system import ClipRows, body_points, energy_at, linearise, normal_equations, third_differences
 
 DAMPING = 1e-6
@@ -49,11 +50,13 @@ class ClipPlan:
         jerk: spectral density of a point's jerk along one axis, m^2/s^5: how suddenly the person may move, at
             any frame rate; 3000.
         contacts: find feet that stand and hold them; True.
+        flow: look at the pictures again, for how the surface moves from each frame to the next (`flow_steps`); True.
     """
 
     deviation: float = 0.005
     jerk: float = 3000.0
     contacts: bool = True
+    flow: bool = True
 
 
 class SolvedClip(NamedTuple):
@@ -70,13 +73,15 @@ def solve_clip(
     confidence: Float[np.ndarray, "frame landmark"] | None = None,
     up: str = "y",
     plan: ClipPlan | None = None,
+    steps: FlowSteps | None = None,
 ) -> SolvedClip:
     """Move the poses of all frames together to where they are likeliest, given that bodies move smoothly.
 
     Minimises over an increment of every frame the squared ways of the body's points from where they were found, by
     `plan.deviation` and the landmarks' confidence, and their squared jerks, by `plan.jerk`, inside the joint limits.
     Feet that stand in the solution hold still in a second one. This is what Eq. 10 asks of neighbouring frames, asked
-    of all at once; it looks at no picture again.
+    of all at once. `steps` are the ways from frame to frame that optical flow sees, measured along the poses that come
+    out without them; whether that is done `plan.flow` tells whoever has the pictures.
 
     Each step of Levenberg and Marquardt solves a system that joins no frames farther apart than three, and long clips
     are solved in windows that overlap, so that time grows linearly with the clip and memory does not. `poses` are
@@ -89,13 +94,13 @@ def solve_clip(
     timestamps = evened(timestamps)
     if confidence is None:
         confidence = np.ones((len(timestamps), len(skeleton.landmark_names)))
-    solved = _in_windows(skeleton, poses, timestamps, confidence, plan, [])
+    solved = _in_windows(skeleton, poses, timestamps, confidence, plan, [], steps)
     contacts: list[Contact] | None = None
     if plan.contacts:
         places = np.asarray(_landmarks(skeleton, solved))
         contacts = find_contacts(places, timestamps, skeleton, np.eye(3)["xyz".index(up)])
     if contacts:
-        solved = _in_windows(skeleton, poses, timestamps, confidence, plan, contacts)
+        solved = _in_windows(skeleton, poses, timestamps, confidence, plan, contacts, steps)
     return SolvedClip(solved, contacts)
 
 
@@ -110,6 +115,7 @@ def _in_windows(
     confidence: Float[np.ndarray, "frame landmark"],
     plan: ClipPlan,
     contacts: list[Contact],
+    steps: FlowSteps | None,
 ) -> Pose:
     """Solve window after window; of an overlap each of two windows has the half that is farther from its edge."""
     frames, kept = len(timestamps), []
@@ -121,7 +127,8 @@ def _in_windows(
             if begin < last and end >= first
         ]
         part = jax.tree.map(lambda leaf, span=slice(first, last): leaf[span], poses)
-        solved = _descend(skeleton, part, timestamps[first:last], confidence[first:last], plan, within)
+        seen = None if steps is None else FlowSteps(*(leaf[first : last - 1] for leaf in steps))
+        solved = _descend(skeleton, part, timestamps[first:last], confidence[first:last], plan, within, seen)
         span = slice(MARGIN if first else 0, last - first if last == frames else WINDOW - MARGIN)
         kept.append(jax.tree.map(lambda leaf, span=span: np.asarray(leaf)[span], solved))
     return jax.tree.map(lambda *leaves: jax.device_put(np.concatenate(leaves)), *kept)
@@ -134,17 +141,22 @@ def _descend(
     confidence: Float[np.ndarray, "frame landmark"],
     plan: ClipPlan,
     contacts: list[Contact],
+    steps: FlowSteps | None,
 ) -> Pose:
-    points, steps = body_points(skeleton), np.diff(timestamps)
-    still = np.zeros((len(steps), len(points.body)))
+    points, seconds = body_points(skeleton), np.diff(timestamps)
+    steady, ways = np.zeros((len(seconds), len(points.body))), np.zeros((len(seconds), len(points.body), 3))
+    if steps is not None:
+        steady, ways = 1 / steps.variance, steps.ways.copy()
     for name, first, last in contacts:
-        still[first:last, skeleton.landmark_names.index(name)] = 1 / (SLIP**2 * steps[first:last])
+        point = skeleton.landmark_names.index(name)
+        steady[first:last, point], ways[first:last, point] = 1 / (SLIP**2 * seconds[first:last]), 0.0
     lower, upper = _room(skeleton, poses)
     rows = ClipRows(
         told=np.maximum(confidence, LEAST)[:, points.landmark] / plan.deviation**2,
         differences=third_differences(timestamps),
         smooth=np.repeat((timestamps[3:] - timestamps[:-3])[:, None] / 3 / plan.jerk, len(points.body), axis=1),
-        still=still,
+        steady=steady,
+        ways=ways,
         lower=lower,
         upper=upper,
         wall=WALL,

@@ -40,7 +40,8 @@ class ClipRows(NamedTuple):
         told: of a point's way from where it was found, 1/m^2.
         differences: coefficients of the divided difference over four frames in a row, 1/s^3.
         smooth: of a point's jerk over these frames, s^6/m^2.
-        still: of a point's way from each frame to the next, 1/m^2.
+        steady: of a point's way from each frame to the next, beside what it is known to be, 1/m^2.
+        ways: what it is known to be, metres: nothing where a foot stands, elsewhere what optical flow sees.
         lower: how far each increment may go down, radians (the root's: metres and radians).
         upper: how far it may go up.
         wall: of an increment beyond these, 1/rad^2.
@@ -50,7 +51,8 @@ class ClipRows(NamedTuple):
     told: Float[np.ndarray, "frame point"]
     differences: Float[np.ndarray, "window 4"]
     smooth: Float[np.ndarray, "window point"]
-    still: Float[np.ndarray, "interval point"]
+    steady: Float[np.ndarray, "interval point"]
+    ways: Float[np.ndarray, "interval point 3"]
     lower: Float[np.ndarray, "frame dof"]
     upper: Float[np.ndarray, "frame dof"]
     wall: float
@@ -107,7 +109,7 @@ def energy_at(found: Any, places: Any, increments: Any, rows: ClipRows) -> Any:
     return (
         (rows.told * ((places - found) ** 2).sum(-1)).sum()
         + (rows.smooth * (_jerk(places, rows) ** 2).sum(-1)).sum()
-        + (rows.still * ((places[1:] - places[:-1]) ** 2).sum(-1)).sum()
+        + (rows.steady * ((places[1:] - places[:-1] - rows.ways) ** 2).sum(-1)).sum()
         + rows.wall * (beyond**2).sum()
         + rows.near * (increments**2).sum()
     )
@@ -180,11 +182,11 @@ def normal_equations(
         pull(first, (rows.differences[:, first, None] * rows.smooth)[..., None] * jerk)
         for last in range(first, 4):
             join(first, last, (rows.differences[:, first] * rows.differences[:, last])[:, None] * rows.smooth)
-    way = rows.still[..., None] * (places[1:] - places[:-1])
+    way = rows.steady[..., None] * (places[1:] - places[:-1] - rows.ways)
     pull(0, -way)
     pull(1, way)
     for first, last, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1)):
-        join(first, last, sign * rows.still)
+        join(first, last, sign * rows.steady)
     outside = _outside(increments, rows)
     gradient += rows.wall * outside + rows.near * increments
     bands[0][:, np.arange(dofs), np.arange(dofs)] += rows.wall * (outside != 0) + rows.near

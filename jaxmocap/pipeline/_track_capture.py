@@ -198,7 +198,14 @@ def track_capture(
             "selected_frames": selection,
             "registration": registration_record(made.registrations, character, mask_record(capture, made.masks)),
         }
-        motion = motion_of(observations, results, provenance, tracker.verdict, tracker.clip)
+        motion = motion_of(
+            observations,
+            results,
+            provenance,
+            tracker.verdict,
+            tracker.clip,
+            lambda done, total: tell("clip", done, total),
+        )
         motion.save(staging)
         write_json(staging / "registration.json", provenance["registration"])
         write_json(

@@ -19,5 +19,9 @@ from ._refine import (
     RefineWeights as RefineWeights,
     detection_rays as detection_rays,
 )
-from ._surface_flow import surface_flow as surface_flow
+from ._surface_flow import (
+    FOLLOWED_SCALE as FOLLOWED_SCALE,
+    follow_surface as follow_surface,
+    surface_flow as surface_flow,
+)
 from ._views import View as View, current_views as current_views, known_view as known_view

@@ -11,13 +11,44 @@ from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Int, UInt32
+from jaxtyping import Array, Bool, Float, Int, UInt32
 
 from jaxmocap._runtime import cores
+from jaxmocap.character import Character, Pose, difference, retract
 from jaxmocap.energies import SurfaceLines, surface_lines
+from jaxmocap.observation import Frame, draw
+from jaxmocap.refiners import Shooting
 
 from ._compare import FlowSettings, compare
-from ._views import View
+from ._least_squares import Rows, descend, free_prior
+from ._views import View, current_views
+
+FOLLOWED_SCALE = 0.02
+"""Metres that count as 1 where a surface is followed."""
+
+
+def follow_surface(
+    character: Character,
+    frame: Frame,
+    sources: list[list[View]],
+    base: Pose,
+    pose: Pose,
+    settings: FlowSettings,
+    robust: float,
+) -> tuple[Pose, Float[Array, "dof dof"]]:
+    """Move a pose to where optical flow sees the surface of the sources, by two Gauss-Newton steps; return it with
+    J^T J, of which a row is metres / `FOLLOWED_SCALE`.
+
+    `sources[camera]` are pictures in which the pose is known, `robust` is the Geman-McClure scale in metres. A weak
+    pull towards `base` decides where no row does; it is part of J^T J.
+    """
+    posed, ids, _ = draw(character, pose, frame.problem)
+    views = current_views(frame.crops(), frame.problem, posed, ids)
+    flows = surface_flow(character.faces, frame.problem.surface.near_faces, views, sources, settings)
+    rows = tuple(Rows(lines, FOLLOWED_SCALE, robust) for lines in flows)
+    start, pull = difference(character.skeleton, base, pose), character.skeleton.per_dof(root=0.1, angles=0.5)
+    delta, hessian = descend(character, base, start, rows, (), free_prior(character, base, pull), Shooting(), steps=2)
+    return retract(character.skeleton, base, delta), hessian + np.diag(pull)
 
 
 def surface_flow(

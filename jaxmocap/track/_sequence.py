@@ -6,14 +6,14 @@ from typing import NamedTuple, Protocol
 
 import jax
 import numpy as np
-from jaxtyping import PRNGKeyArray
+from jaxtyping import Float, Int, PRNGKeyArray
 
 from jaxmocap._cache import make_room
 from jaxmocap._results import InputError
 from jaxmocap._runtime import release_memory
 from jaxmocap._shapes import check_key
 from jaxmocap.character import Pose
-from jaxmocap.clip import ClipPlan, solve_clip
+from jaxmocap.clip import ClipPlan, SolvedClip, flow_steps, solve_clip
 from jaxmocap.motion import Contact, Motion, cameras_at
 from jaxmocap.observation import Observations
 from jaxmocap.registration import Registration
@@ -124,9 +124,12 @@ def motion_of(
     provenance: dict | None = None,
     verdict: VerdictSettings | None = None,
     clip: ClipPlan | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Motion:
     """Judge tracked frames, solve them as a clip if there is a plan for it, and record them as a motion.
 
+    `results` are of frames in a row. `progress` hears how many of them the clip's optical flow has seen, and of how
+    many.
     `provenance["contacts"]` lists where heels and toes stand, if the clip was solved, or is None if that was not looked
     for; `Motion.contacts` reads it.
     `provenance["doubts"]` lists the frames that are not to be trusted and why, `provenance["lost"]` the spans in which
@@ -146,7 +149,7 @@ def motion_of(
     moments = capture.timestamps[positions]
     clip_record = {}
     if clip is not None:
-        poses, contacts = solve_clip(character.skeleton, poses, moments, judged.confidence, capture.up, clip)
+        poses, contacts = _solve(observations, positions, poses, judged.confidence, clip, progress)
         clip_record["contacts"] = (
             None
             if contacts is None
@@ -188,6 +191,24 @@ def motion_of(
         cameras=cameras_at(capture.cameras_as_filmed(observations.cameras), positions),
         up=capture.up,
     )
+
+
+def _solve(
+    observations: Observations,
+    positions: Int[np.ndarray, " frame"],
+    poses: Pose,
+    confidence: Float[np.ndarray, "frame landmark"],
+    plan: ClipPlan,
+    progress: Callable[[int, int], None] | None,
+) -> SolvedClip:
+    """Solve the clip; then, along what came out, see how the surface moves from frame to frame, and solve it again."""
+    skeleton, capture = observations.character.skeleton, observations.capture
+    told = skeleton, poses, capture.timestamps[positions], confidence, capture.up, plan
+    solved = solve_clip(*told)
+    if not plan.flow or len(positions) < 4:
+        return solved
+    frames = range(int(positions[0]), int(positions[-1]) + 1)
+    return solve_clip(*told, flow_steps(observations, frames, solved.poses, progress))
 
 
 def clip_plan(tracker: Tracker | Method) -> ClipPlan | None:

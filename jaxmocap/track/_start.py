@@ -7,17 +7,8 @@ from jaxtyping import Float
 from jaxmocap.camera import Cameras
 from jaxmocap.character import Character, Pose, clamp, difference, nearest_equivalent, retract, skin
 from jaxmocap.motion import MotionHistory
-from jaxmocap.observation import Frame, FrameImages, Observations, Rectangle, build_problem, draw, frame_rectangle
-from jaxmocap.refinement import (
-    FlowSettings,
-    Rows,
-    current_views,
-    descend,
-    detection_rays,
-    free_prior,
-    known_view,
-    surface_flow,
-)
+from jaxmocap.observation import Frame, FrameImages, Observations, Rectangle, build_problem, frame_rectangle
+from jaxmocap.refinement import FlowSettings, descend, detection_rays, follow_surface, free_prior, known_view
 from jaxmocap.refiners import Shooting
 from jaxmocap.search import PoseScore
 
@@ -51,17 +42,10 @@ def flow_start(
         for camera, image in enumerate(before.images)
     ]
     problem = build_problem(shown.images, rectangle, cameras, shown.frame, vertices, observations.surface)
-    crops = Frame(shown, rectangle, problem).crops()
+    frame = Frame(shown, rectangle, problem)
     pose, speed = base, np.zeros(len(shown.images))
-    prior = free_prior(character, base, character.skeleton.per_dof(root=0.1, angles=0.5))
     for round_index, robust in enumerate(FLOW_ROBUST):
-        posed, ids, _ = draw(character, pose, problem)
-        views = current_views(crops, problem, posed, ids)
-        flows = surface_flow(character.faces, problem.surface.near_faces, views, sources, settings)
-        rows = tuple(Rows(lines, 0.02, robust) for lines in flows)
-        start = difference(character.skeleton, base, pose)
-        delta, _ = descend(character, base, start, rows, (), prior, Shooting(), steps=2)
-        pose = retract(character.skeleton, base, delta)
+        pose, _ = follow_surface(character, frame, sources, base, pose, settings, robust)
         if round_index == 0:
             speed = _pixel_speed(character, cameras, shown.frame, base, pose)
     return pose, speed

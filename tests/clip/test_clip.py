@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmocap.character import ROOT_DOFS, Pose, landmark_positions, pose_from_vector, rest_pose, retract
-from jaxmocap.clip import ClipPlan, _solve, find_contacts, solve_clip
+from jaxmocap.clip import ClipPlan, FlowSteps, _solve, find_contacts, solve_clip
 from jaxmocap.clip._system import (
     ClipRows,
     body_points,
@@ -61,7 +61,8 @@ def rows_of(skeleton, time, vectors) -> ClipRows:
         told=random.uniform(1, 10, (len(time), points)),
         differences=third_differences(time),
         smooth=random.uniform(1e-6, 3e-6, (len(time) - 3, points)),
-        still=random.uniform(1, 10, (len(time) - 1, points)),
+        steady=random.uniform(1, 10, (len(time) - 1, points)),
+        ways=random.normal(0, 0.1, (len(time) - 1, points, 3)),
         lower=np.full(vectors.shape, -0.02),
         upper=np.full(vectors.shape, 0.02),
         wall=10.0,
@@ -146,6 +147,22 @@ def test_a_limb_without_confidence_is_carried_by_the_frames_around(skeleton):
     sure, unsure = (solve_clip(skeleton, poses[1], time, given).poses for given in (None, confidence))
     errors = [np.linalg.norm(places_of(skeleton, p)[:, wrist] - true, axis=1).max() for p in (poses[1], sure, unsure)]
     assert errors[2] < 0.7 * errors[1] < errors[0], errors
+
+
+def test_ways_that_flow_has_seen_bring_a_clip_nearer_to_the_truth(skeleton):
+    time, vectors = swinging(skeleton)
+    points, zero = body_points(skeleton), np.zeros(vectors.shape)
+    true, found = poses_of(skeleton, vectors), noisy(skeleton, vectors, 1)
+    places = linearise(skeleton, points, true, zero)[0]
+    ways = np.diff(places, axis=0) + np.random.default_rng(2).normal(0, 0.002, (len(time) - 1, *places.shape[1:]))
+    seen = FlowSteps(ways, np.full(ways.shape[:2], 0.002**2))
+    nothing = FlowSteps(np.ones(ways.shape), np.full(ways.shape[:2], 1e4))  # a metre per frame, give or take a hundred
+    alone, better, same = (solve_clip(skeleton, found, time, steps=steps).poses for steps in (None, seen, nothing))
+    errors = [places_of(skeleton, poses) - places_of(skeleton, true) for poses in (alone, better)]
+    for order in (0, 1, 2):
+        before, after = (np.linalg.norm(np.diff(apart, n=order, axis=0), axis=-1).mean() for apart in errors)
+        assert after < 0.8 * before, order
+    np.testing.assert_allclose(places_of(skeleton, same), places_of(skeleton, alone), atol=1e-4)
 
 
 def test_feet_that_stand_are_found_and_stay(skeleton):
