@@ -174,38 +174,38 @@ def track_capture(
                     progress=None if progress is None else lambda step: progress("track", step.done, step.total),
                     checkpoint=checkpoint,
                 )
+            tracked = time.perf_counter()
+            provenance = {
+                "capture": str(capture.folder.resolve()),
+                "capture_name": capture.name,
+                "recorded_sizes": [list(size) for size in capture.recorded_sizes],
+                "truth": None if capture.truth is None else str(capture.truth.resolve()),
+                "actor": None if made_body.record else str(Path(actor or capture.actor or "").resolve()),
+                **({"body": made_body.record} if made_body.record else {}),
+                "quality": quality,
+                "detections": None if detections is None else str(Path(detections).resolve()),
+                "detections_frames": None if detections_frames is None else sorted(detections_frames),
+                "settings": {name: str(value) for name, value in (settings or {}).items()},
+                "seed": seed,
+                "versions": versions(),
+                "device": str(jax.devices()[0]),
+                "inputs": run_inputs,
+                "seconds": {"prepare": prepared - begin, "track": tracked - prepared},
+                "selected_frames": selection,
+                "registration": registration_record(made.registrations, character, mask_record(capture, made.masks)),
+            }
+            motion = motion_of(
+                observations,
+                results,
+                provenance,
+                tracker.verdict,
+                tracker.clip,
+                lambda done, total: tell("clip", done, total),
+            )
         except BaseException:
             if checkpoint.exists and say is not None:
                 say(f"The frames done so far are kept in {out}; the same command with --resume goes on from there.")
             raise
-        tracked = time.perf_counter()
-        provenance = {
-            "capture": str(capture.folder.resolve()),
-            "capture_name": capture.name,
-            "recorded_sizes": [list(size) for size in capture.recorded_sizes],
-            "truth": None if capture.truth is None else str(capture.truth.resolve()),
-            "actor": None if made_body.record else str(Path(actor or capture.actor or "").resolve()),
-            **({"body": made_body.record} if made_body.record else {}),
-            "quality": quality,
-            "detections": None if detections is None else str(Path(detections).resolve()),
-            "detections_frames": None if detections_frames is None else sorted(detections_frames),
-            "settings": {name: str(value) for name, value in (settings or {}).items()},
-            "seed": seed,
-            "versions": versions(),
-            "device": str(jax.devices()[0]),
-            "inputs": run_inputs,
-            "seconds": {"prepare": prepared - begin, "track": tracked - prepared},
-            "selected_frames": selection,
-            "registration": registration_record(made.registrations, character, mask_record(capture, made.masks)),
-        }
-        motion = motion_of(
-            observations,
-            results,
-            provenance,
-            tracker.verdict,
-            tracker.clip,
-            lambda done, total: tell("clip", done, total),
-        )
         motion.save(staging)
         write_json(staging / "registration.json", provenance["registration"])
         write_json(

@@ -82,9 +82,13 @@ def test_the_same_seed_gives_the_same_bytes(folder, result, tmp_path):
     assert again.angles.tobytes() == motion.angles.tobytes()
 
 
-@pytest.mark.parametrize(("late", "done"), [(False, 1), (False, 4), (True, 2), (True, 4)])
-def test_a_run_that_was_cut_off_goes_on_to_the_same_file(tmp_path, late, done):
-    """Also one that runs backwards from a late selected frame, cut off in either direction."""
+@pytest.mark.parametrize(
+    ("late", "cut"),
+    [(False, ("track", 1)), (False, ("track", 4)), (False, ("clip", 2)), (True, ("track", 2)), (True, ("track", 4))],
+)
+def test_a_run_that_was_cut_off_goes_on_to_the_same_file(tmp_path, late, cut):
+    """Also one that runs backwards from a late selected frame, cut off in either direction, and one that was all
+    tracked when it was cut off."""
     truth = make_capture(5, (320, 180), selected_frames=(2,) if late else (0,))
     folder = write_capture(truth, tmp_path / "film")
 
@@ -93,7 +97,7 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_file(tmp_path, late, done):
         return (tmp_path / name / "motion.npz").read_bytes()
 
     def cut_off(stage, frames, _):
-        if (stage, frames) == ("track", done):
+        if (stage, frames) == cut:
             raise KeyboardInterrupt
 
     whole, said = run("whole"), []
