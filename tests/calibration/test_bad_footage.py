@@ -60,6 +60,7 @@ def refused(folder: Path, capsys, *options: object, count: int = COUNT, images: 
     return sentences[0]
 
 
+@pytest.mark.slow
 def test_a_black_video(tmp_path, capsys):
     images = {"cam0": square(0), "cam1": lambda number: np.zeros((*SIZE[::-1], 3), np.uint8)}
     assert "'cam1' cannot be calibrated" in refused(tmp_path / "black", capsys, images=images)

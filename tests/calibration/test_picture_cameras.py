@@ -31,6 +31,7 @@ def test_cameras_are_found_up_to_a_similarity(tmp_path):
     assert np.asarray(placed.cameras.intrinsics)[:, 0, 0] == pytest.approx(FOCAL, rel=0.01)
 
 
+@pytest.mark.slow
 def test_pictures_without_anything_in_common_are_refused(tmp_path, monkeypatch):
     """Once by the child process, and once in this one."""
     rng = np.random.default_rng(1)

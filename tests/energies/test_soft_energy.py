@@ -118,6 +118,7 @@ def test_so_it_is_for_every_limb_alone(world, in_pose):
         assert cosine(*(side[list(dofs)] for side in in_pose)) > 0.97, name
 
 
+@pytest.mark.slow
 def test_the_gradient_in_the_cameras_is_that_of_central_differences(eq5, gradient):
     _, value, _, at = eq5
     quotient = []

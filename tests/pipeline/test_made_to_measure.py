@@ -172,6 +172,7 @@ def test_one_pose_from_eight_sides_tells_the_measure_and_the_scale(all_round, tm
     assert max(abs(float(found[name] / truth[name]) - 1) for name in ("thigh", "shank", "upper_arm")) < 0.06
 
 
+@pytest.mark.slow
 def test_one_pose_from_seven_sides_does_not(all_round, tmp_path):
     folder = unnamed(all_round, tmp_path / "capture")
     assert "is made to measure at frames 0" in no_actor(Capture.open(folder)).message

@@ -79,6 +79,7 @@ def test_a_view_that_is_not_used_follows_its_neighbours(swaying, skeleton):
     assert np.linalg.norm(placed[7] - 0.5 * (placed[6] + placed[8])) < 0.01
 
 
+@pytest.mark.slow
 def test_somebody_who_stands_still_is_found_to(skeleton):
     views, rest, _ = filmed(0.0)
     assert found(views, rest, skeleton).extent < 0.002
