@@ -11,7 +11,7 @@ from jaxmocap.character import Pose, skin
 from jaxmocap.observation import Frame, FrameImages, Observations, build_problem, frame_rectangle
 from jaxmocap.refinement import FOLLOWED_SCALE, FlowSettings, follow_surface, known_view
 
-from ._system import body_points, linearise
+from ._system import body_points, point_covariances, point_places
 
 ROBUST = (0.03, 0.01)
 """Geman-McClure scales of the rounds, metres."""
@@ -50,7 +50,8 @@ def flow_steps(
     tell = progress or (lambda done, total: None)
     observations = observations.filled_up()
     skeleton = observations.character.skeleton
-    before, after, hessians = [], [], []
+    points = body_points(skeleton)
+    ways, ends, hessians = [], [], []
     last, rectangle = None, None
     for number, shown in enumerate(observations.frames(frames)):
         pose = Pose(poses.root[number], poses.angles[number])
@@ -61,17 +62,18 @@ def flow_steps(
         )
         if last is not None:
             moved, hessian = _step(observations, Frame(shown, rectangle, problem), *last, pose)
-            before.append(last[1])
-            after.append(moved)
+            here, there = (np.asarray(_places(skeleton, points, at), np.float64) for at in (last[1], moved))
+            ways.append(there - here)
+            ends.append(moved)
             hessians.append(np.asarray(hessian, np.float64))
         last = shown, pose
         tell(number + 1, len(frames))
-    points, still = body_points(skeleton), np.zeros((len(hessians), skeleton.num_dofs))
-    places, _ = linearise(skeleton, points, _stacked(before), still)
-    moved_places, moves = linearise(skeleton, points, _stacked(after), still)
-    spread = np.linalg.solve(np.array(hessians)[:, None], moves.swapaxes(2, 3))
-    variance = np.einsum("tpad,tpda->tp", moves, spread) / 3
-    return FlowSteps(moved_places - places, LEAST**2 + (ROW / FOLLOWED_SCALE) ** 2 * variance)
+    poses = jax.tree.map(lambda *leaves: jax.device_put(np.stack([np.asarray(leaf) for leaf in leaves])), *ends)
+    spread = np.einsum("tpaa->tp", point_covariances(skeleton, points, poses, np.array(hessians))) / 3
+    return FlowSteps(np.array(ways), LEAST**2 + (ROW / FOLLOWED_SCALE) ** 2 * spread)
+
+
+_places = jax.jit(point_places)
 
 
 def _step(
@@ -88,7 +90,3 @@ def _step(
         pose, hessian = follow_surface(character, frame, sources, base, pose, FlowSettings(), robust)
     assert hessian is not None
     return pose, hessian
-
-
-def _stacked(poses: list[Pose]) -> Pose:
-    return jax.tree.map(lambda *leaves: jax.device_put(np.stack([np.asarray(leaf) for leaf in leaves])), *poses)

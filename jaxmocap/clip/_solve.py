@@ -1,5 +1,6 @@
 """Refinement over the whole clip: every frame's answer, smooth motion, and feet that stay where they stand."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,7 +14,15 @@ from jaxmocap.motion import Contact, evened
 
 from ._contacts import find_contacts
 from ._flow_steps import FlowSteps
-from ._system import ClipRows, body_points, energy_at, linearise, normal_equations, third_differences
+from ._system import (
+    ClipRows,
+    body_points,
+    energy_at,
+    linearise,
+    normal_equations,
+    point_covariances,
+    third_differences,
+)
 
 DAMPING = 1e-6
 """Of the first step, as a share of the diagonal (Levenberg and Marquardt)."""
@@ -36,6 +45,9 @@ frames per second what is so far away moved no joint of a real clip by a microme
 
 SLIP = 0.005
 """Metres that a standing point may creep in a second, standard deviation."""
+
+OPEN = 1e-3
+"""Share of the median of J^T J's diagonal that is added to it: what nothing tells stays finite."""
 
 LEAST = 0.1
 """Confidence that a landmark has at least: where nothing else tells of it, it stays where it was found."""
@@ -74,6 +86,7 @@ def solve_clip(
     up: str = "y",
     plan: ClipPlan | None = None,
     steps: FlowSteps | None = None,
+    hessians: Sequence[Float[np.ndarray, "dof dof"] | None] | None = None,
 ) -> SolvedClip:
     """Move the poses of all frames together to where they are likeliest, given that bodies move smoothly.
 
@@ -81,7 +94,9 @@ def solve_clip(
     `plan.deviation` and the landmarks' confidence, and their squared jerks, by `plan.jerk`, inside the joint limits.
     Feet that stand in the solution hold still in a second one. This is what Eq. 10 asks of neighbouring frames, asked
     of all at once. `steps` are the ways from frame to frame that optical flow sees, measured along the poses that come
-    out without them; whether that is done `plan.flow` tells whoever has the pictures.
+    out without them; whether that is done `plan.flow` tells whoever has the pictures. `hessians` are each frame's J^T J
+    of the refinement: by its inverse points count less in directions of which the frame says little, as the line of
+    sight.
 
     Each step of Levenberg and Marquardt solves a system that joins no frames farther apart than three, and long clips
     are solved in windows that overlap, so that time grows linearly with the clip and memory does not. `poses` are
@@ -94,13 +109,14 @@ def solve_clip(
     timestamps = evened(timestamps)
     if confidence is None:
         confidence = np.ones((len(timestamps), len(skeleton.landmark_names)))
-    solved = _in_windows(skeleton, poses, timestamps, confidence, plan, [], steps)
+    told = _told(skeleton, poses, confidence, hessians) / plan.deviation**2
+    solved = _in_windows(skeleton, poses, timestamps, told, plan, [], steps)
     contacts: list[Contact] | None = None
     if plan.contacts:
         places = np.asarray(_landmarks(skeleton, solved))
         contacts = find_contacts(places, timestamps, skeleton, np.eye(3)["xyz".index(up)])
     if contacts:
-        solved = _in_windows(skeleton, poses, timestamps, confidence, plan, contacts, steps)
+        solved = _in_windows(skeleton, poses, timestamps, told, plan, contacts, steps)
     return SolvedClip(solved, contacts)
 
 
@@ -108,11 +124,32 @@ _landmarks = jax.jit(jax.vmap(landmark_positions, in_axes=(None, 0)))
 _moved = jax.jit(jax.vmap(retract, in_axes=(None, 0, 0)))
 
 
+def _told(
+    skeleton: Skeleton,
+    poses: Pose,
+    confidence: Float[np.ndarray, "frame landmark"],
+    hessians: Sequence[Float[np.ndarray, "dof dof"] | None] | None,
+) -> Float[np.ndarray, "frame point 3 3"]:
+    """How well each point is told in each direction: its landmark's confidence, times 1 in the median direction."""
+    points = body_points(skeleton)
+    weights = np.maximum(confidence, LEAST)[:, points.landmark, None, None] * np.eye(3)
+    known = [number for number, hessian in enumerate(hessians or ()) if hessian is not None]
+    if hessians is None or not known:
+        return weights
+    found = np.array([hessians[number] for number in known], np.float64)
+    diagonal = np.einsum("tdd->td", found)
+    diagonal += OPEN * np.median(diagonal)
+    spread = point_covariances(skeleton, points, jax.tree.map(lambda leaf: leaf[np.array(known)], poses), found)
+    directions = np.linalg.inv(np.eye(3) + spread / np.median(np.einsum("tpaa->tp", spread) / 3))
+    weights[known] = weights[known] @ directions / np.median(np.einsum("tpaa->tp", directions) / 3)
+    return weights
+
+
 def _in_windows(
     skeleton: Skeleton,
     poses: Pose,
     timestamps: Float[np.ndarray, " frame"],
-    confidence: Float[np.ndarray, "frame landmark"],
+    told: Float[np.ndarray, "frame point 3 3"],
     plan: ClipPlan,
     contacts: list[Contact],
     steps: FlowSteps | None,
@@ -128,7 +165,7 @@ def _in_windows(
         ]
         part = jax.tree.map(lambda leaf, span=slice(first, last): leaf[span], poses)
         seen = None if steps is None else FlowSteps(*(leaf[first : last - 1] for leaf in steps))
-        solved = _descend(skeleton, part, timestamps[first:last], confidence[first:last], plan, within, seen)
+        solved = _descend(skeleton, part, timestamps[first:last], told[first:last], plan, within, seen)
         span = slice(MARGIN if first else 0, last - first if last == frames else WINDOW - MARGIN)
         kept.append(jax.tree.map(lambda leaf, span=span: np.asarray(leaf)[span], solved))
     return jax.tree.map(lambda *leaves: jax.device_put(np.concatenate(leaves)), *kept)
@@ -138,7 +175,7 @@ def _descend(
     skeleton: Skeleton,
     poses: Pose,
     timestamps: Float[np.ndarray, " frame"],
-    confidence: Float[np.ndarray, "frame landmark"],
+    told: Float[np.ndarray, "frame point 3 3"],
     plan: ClipPlan,
     contacts: list[Contact],
     steps: FlowSteps | None,
@@ -152,7 +189,7 @@ def _descend(
         steady[first:last, point], ways[first:last, point] = 1 / (SLIP**2 * seconds[first:last]), 0.0
     lower, upper = _room(skeleton, poses)
     rows = ClipRows(
-        told=np.maximum(confidence, LEAST)[:, points.landmark] / plan.deviation**2,
+        told=told,
         differences=third_differences(timestamps),
         smooth=np.repeat((timestamps[3:] - timestamps[:-3])[:, None] / 3 / plan.jerk, len(points.body), axis=1),
         steady=steady,

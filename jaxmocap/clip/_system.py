@@ -37,7 +37,7 @@ class ClipRows(NamedTuple):
     """Weigh the rows of a clip, each the factor on a square.
 
     Attributes:
-        told: of a point's way from where it was found, 1/m^2.
+        told: of a point's way from where it was found, 1/m^2, by direction in the world.
         differences: coefficients of the divided difference over four frames in a row, 1/s^3.
         smooth: of a point's jerk over these frames, s^6/m^2.
         steady: of a point's way from each frame to the next, beside what it is known to be, 1/m^2.
@@ -48,7 +48,7 @@ class ClipRows(NamedTuple):
         near: of an increment, 1/rad^2 and 1/m^2: where a joint's axes fall together, turns that move nothing stay out.
     """
 
-    told: Float[np.ndarray, "frame point"]
+    told: Float[np.ndarray, "frame point 3 3"]
     differences: Float[np.ndarray, "window 4"]
     smooth: Float[np.ndarray, "window point"]
     steady: Float[np.ndarray, "interval point"]
@@ -105,9 +105,9 @@ def point_places(skeleton: Skeleton, points: BodyPoints, pose: Pose) -> Float[Ar
 def energy_at(found: Any, places: Any, increments: Any, rows: ClipRows) -> Any:
     """Add up all weighted squares where the points lie at `places`, shape (frame, point, 3), whatever the arrays are,
     NumPy's or JAX's."""
-    beyond = _outside(increments, rows)
+    beyond, apart = _outside(increments, rows), places - found
     return (
-        (rows.told * ((places - found) ** 2).sum(-1)).sum()
+        (rows.told * apart[..., None] * apart[..., None, :]).sum()
         + (rows.smooth * (_jerk(places, rows) ** 2).sum(-1)).sum()
         + (rows.steady * ((places[1:] - places[:-1] - rows.ways) ** 2).sum(-1)).sum()
         + rows.wall * (beyond**2).sum()
@@ -155,6 +155,19 @@ def linearise(
     return np.concatenate(places), np.concatenate(moves)
 
 
+def point_covariances(
+    skeleton: Skeleton, points: BodyPoints, poses: Pose, hessians: Float[np.ndarray, "frame dof dof"]
+) -> Float[np.ndarray, "frame point 3 3"]:
+    """Compute how far the points may lie from where the poses have them, by the inverse of each J^T J (host), m^2."""
+    found = []
+    for first in range(0, len(hessians), BATCH):
+        batch = jax.tree.map(lambda leaf, first=first: leaf[first : first + BATCH], poses)
+        some = hessians[first : first + BATCH, None]
+        _, moves = linearise(skeleton, points, batch, np.zeros((len(some), skeleton.num_dofs)))
+        found.append(moves @ np.linalg.solve(some, moves.swapaxes(2, 3)))
+    return np.concatenate(found)
+
+
 def normal_equations(
     found: Float[np.ndarray, "frame point 3"],
     places: Float[np.ndarray, "frame point 3"],
@@ -175,8 +188,8 @@ def normal_equations(
         here = moves[first : first + len(rest)].reshape(len(rest), -1, dofs)
         gradient[first : first + len(rest)] += (rest.reshape(len(rest), 1, -1) @ here)[:, 0]
 
-    join(0, 0, rows.told)
-    pull(0, rows.told[..., None] * (places - found))
+    bands[0] += moves.reshape(frames, -1, dofs).swapaxes(1, 2) @ (rows.told @ moves).reshape(frames, -1, dofs)
+    pull(0, (rows.told @ (places - found)[..., None])[..., 0])
     jerk = _jerk(places, rows)
     for first in range(4):
         pull(first, (rows.differences[:, first, None] * rows.smooth)[..., None] * jerk)

@@ -149,7 +149,8 @@ def motion_of(
     moments = capture.timestamps[positions]
     clip_record = {}
     if clip is not None:
-        poses, contacts = _solve(observations, positions, poses, judged.confidence, clip, progress)
+        hessians = [result.hessian for result in results]
+        poses, contacts = _solve(observations, positions, poses, judged.confidence, hessians, clip, progress)
         clip_record["contacts"] = (
             None
             if contacts is None
@@ -198,17 +199,18 @@ def _solve(
     positions: Int[np.ndarray, " frame"],
     poses: Pose,
     confidence: Float[np.ndarray, "frame landmark"],
+    hessians: list[Float[np.ndarray, "dof dof"] | None],
     plan: ClipPlan,
     progress: Callable[[int, int], None] | None,
 ) -> SolvedClip:
     """Solve the clip; then, along what came out, see how the surface moves from frame to frame, and solve it again."""
     skeleton, capture = observations.character.skeleton, observations.capture
     told = skeleton, poses, capture.timestamps[positions], confidence, capture.up, plan
-    solved = solve_clip(*told)
+    solved = solve_clip(*told, hessians=hessians)
     if not plan.flow or len(positions) < 4:
         return solved
     frames = range(int(positions[0]), int(positions[-1]) + 1)
-    return solve_clip(*told, flow_steps(observations, frames, solved.poses, progress))
+    return solve_clip(*told, flow_steps(observations, frames, solved.poses, progress), hessians)
 
 
 def clip_plan(tracker: Tracker | Method) -> ClipPlan | None:
