@@ -42,6 +42,7 @@ LEFT_OUT = {
     "short reach": {"refine.contours.reach": "15"},
     "few faces": {"search.faces": "1"},
     "clip": {"clip": "off"},
+    "flow of the clip": {"clip.flow": "false"},
 }
 """What is left out, and the settings that do it."""
 

@@ -1,4 +1,5 @@
-"""What solving a clip as a whole brings: smooth motion alone, and with feet that stand, beside the frames as tracked.
+"""What solving a clip as a whole brings where no picture is looked at again: smooth motion alone, and with feet that
+stand, beside the frames as tracked. What the pictures add is a row of `ablation.py`.
 
     jaxmocap track ../shared/data/plaza --out plaza-0 --set clip=off
     python benchmarks/clip.py plaza-0 plaza-1 plaza-2

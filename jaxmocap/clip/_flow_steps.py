@@ -16,7 +16,7 @@ from ._system import body_points, point_covariances, point_places
 ROBUST = (0.03, 0.01)
 """Geman-McClure scales of the rounds, metres."""
 
-ROW = 0.006
+ROW = 0.01
 """Metres by which a pixel that is followed errs, standard deviation along one axis."""
 
 LEAST = 0.0015
@@ -28,11 +28,11 @@ class FlowSteps(NamedTuple):
 
     Attributes:
         ways: metres in the world.
-        variance: of each along one axis, square metres; large where nothing is seen of what moves a point.
+        covariance: of each, square metres; large where nothing is seen of what moves a point, and along lines of sight.
     """
 
     ways: Float[np.ndarray, "interval point 3"]
-    variance: Float[np.ndarray, "interval point"]
+    covariance: Float[np.ndarray, "interval point 3 3"]
 
 
 def flow_steps(
@@ -69,8 +69,8 @@ def flow_steps(
         last = shown, pose
         tell(number + 1, len(frames))
     poses = jax.tree.map(lambda *leaves: jax.device_put(np.stack([np.asarray(leaf) for leaf in leaves])), *ends)
-    spread = np.einsum("tpaa->tp", point_covariances(skeleton, points, poses, np.array(hessians))) / 3
-    return FlowSteps(np.array(ways), LEAST**2 + (ROW / FOLLOWED_SCALE) ** 2 * spread)
+    open_still = (ROW / FOLLOWED_SCALE) ** 2 * point_covariances(skeleton, points, poses, np.array(hessians))
+    return FlowSteps(np.array(ways), LEAST**2 * np.eye(3) + open_still)
 
 
 _places = jax.jit(point_places)

@@ -181,12 +181,13 @@ def _descend(
     steps: FlowSteps | None,
 ) -> Pose:
     points, seconds = body_points(skeleton), np.diff(timestamps)
-    steady, ways = np.zeros((len(seconds), len(points.body))), np.zeros((len(seconds), len(points.body), 3))
+    steady, ways = np.zeros((len(seconds), len(points.body), 3, 3)), np.zeros((len(seconds), len(points.body), 3))
     if steps is not None:
-        steady, ways = 1 / steps.variance, steps.ways.copy()
+        steady, ways = np.linalg.inv(steps.covariance), steps.ways.copy()
     for name, first, last in contacts:
         point = skeleton.landmark_names.index(name)
-        steady[first:last, point], ways[first:last, point] = 1 / (SLIP**2 * seconds[first:last]), 0.0
+        steady[first:last, point] = np.eye(3) / (SLIP**2 * seconds[first:last, None, None])
+        ways[first:last, point] = 0.0
     lower, upper = _room(skeleton, poses)
     rows = ClipRows(
         told=told,

@@ -40,7 +40,7 @@ class ClipRows(NamedTuple):
         told: of a point's way from where it was found, 1/m^2, by direction in the world.
         differences: coefficients of the divided difference over four frames in a row, 1/s^3.
         smooth: of a point's jerk over these frames, s^6/m^2.
-        steady: of a point's way from each frame to the next, beside what it is known to be, 1/m^2.
+        steady: of a point's way from each frame to the next, beside what it is known to be, 1/m^2, by direction.
         ways: what it is known to be, metres: nothing where a foot stands, elsewhere what optical flow sees.
         lower: how far each increment may go down, radians (the root's: metres and radians).
         upper: how far it may go up.
@@ -51,7 +51,7 @@ class ClipRows(NamedTuple):
     told: Float[np.ndarray, "frame point 3 3"]
     differences: Float[np.ndarray, "window 4"]
     smooth: Float[np.ndarray, "window point"]
-    steady: Float[np.ndarray, "interval point"]
+    steady: Float[np.ndarray, "interval point 3 3"]
     ways: Float[np.ndarray, "interval point 3"]
     lower: Float[np.ndarray, "frame dof"]
     upper: Float[np.ndarray, "frame dof"]
@@ -105,11 +105,11 @@ def point_places(skeleton: Skeleton, points: BodyPoints, pose: Pose) -> Float[Ar
 def energy_at(found: Any, places: Any, increments: Any, rows: ClipRows) -> Any:
     """Add up all weighted squares where the points lie at `places`, shape (frame, point, 3), whatever the arrays are,
     NumPy's or JAX's."""
-    beyond, apart = _outside(increments, rows), places - found
+    beyond, apart, way = _outside(increments, rows), places - found, places[1:] - places[:-1] - rows.ways
     return (
         (rows.told * apart[..., None] * apart[..., None, :]).sum()
         + (rows.smooth * (_jerk(places, rows) ** 2).sum(-1)).sum()
-        + (rows.steady * ((places[1:] - places[:-1] - rows.ways) ** 2).sum(-1)).sum()
+        + (rows.steady * way[..., None] * way[..., None, :]).sum()
         + rows.wall * (beyond**2).sum()
         + rows.near * (increments**2).sum()
     )
@@ -179,27 +179,27 @@ def normal_equations(
     frames, _, _, dofs = moves.shape
     gradient, bands = np.zeros((frames, dofs)), np.zeros((4, frames, dofs, dofs))
 
-    def join(first: int, last: int, weights: Float[np.ndarray, "row point"]) -> None:
-        here, there = (moves[n : n + len(weights)].reshape(len(weights), -1, dofs) for n in (first, last))
-        weighted = here * np.repeat(weights, 3, axis=1)[:, :, None]
-        bands[last - first, first : first + len(weights)] += weighted.swapaxes(1, 2) @ there
+    def join(first: int, last: int, weighted: Float[np.ndarray, "row point 3 dof"]) -> None:
+        here = moves[first : first + len(weighted)].reshape(len(weighted), -1, dofs)
+        bands[last - first, first : first + len(weighted)] += here.swapaxes(1, 2) @ weighted.reshape(here.shape)
 
     def pull(first: int, rest: Float[np.ndarray, "row point 3"]) -> None:
         here = moves[first : first + len(rest)].reshape(len(rest), -1, dofs)
         gradient[first : first + len(rest)] += (rest.reshape(len(rest), 1, -1) @ here)[:, 0]
 
-    bands[0] += moves.reshape(frames, -1, dofs).swapaxes(1, 2) @ (rows.told @ moves).reshape(frames, -1, dofs)
+    join(0, 0, rows.told @ moves)
     pull(0, (rows.told @ (places - found)[..., None])[..., 0])
     jerk = _jerk(places, rows)
     for first in range(4):
         pull(first, (rows.differences[:, first, None] * rows.smooth)[..., None] * jerk)
         for last in range(first, 4):
-            join(first, last, (rows.differences[:, first] * rows.differences[:, last])[:, None] * rows.smooth)
-    way = rows.steady[..., None] * (places[1:] - places[:-1] - rows.ways)
+            weights = (rows.differences[:, first] * rows.differences[:, last])[:, None] * rows.smooth
+            join(first, last, weights[..., None, None] * moves[last : last + len(weights)])
+    way = (rows.steady @ (places[1:] - places[:-1] - rows.ways)[..., None])[..., 0]
     pull(0, -way)
     pull(1, way)
     for first, last, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1)):
-        join(first, last, sign * rows.steady)
+        join(first, last, sign * rows.steady @ moves[last : last + len(way)])
     outside = _outside(increments, rows)
     gradient += rows.wall * outside + rows.near * increments
     bands[0][:, np.arange(dofs), np.arange(dofs)] += rows.wall * (outside != 0) + rows.near

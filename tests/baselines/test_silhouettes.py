@@ -62,5 +62,6 @@ def test_segment_and_fit_finds_her_with_all_that_is_true(filmed):
     assert found(filmed, SegmentAndFit(iterations=2, masks=given(filmed))) < 2.0
 
 
+@pytest.mark.slow
 def test_posecut_finds_her_with_all_that_is_true(filmed):
     assert found(filmed, PoseCut(masks=given(filmed), pixels=2000)) < 2.0

@@ -126,6 +126,7 @@ def test_pictures_of_the_gaussians_themselves_bring_the_pose_back(world, worker)
     assert off(found).max() < 1.0
 
 
+@pytest.mark.slow
 def test_two_views_of_stripes_hold_the_body_to_two_centimetres(world, worker):
     """A body of blobs of one colour each fits stripes best where it is nearer to two cameras on one side."""
     baseline, pose = worker.baseline, world.pose(FRAME)

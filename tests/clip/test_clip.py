@@ -57,12 +57,13 @@ def noisy(skeleton, vectors, seed: int, deviation: float = DEVIATION) -> Pose:
 
 def rows_of(skeleton, time, vectors) -> ClipRows:
     random, points = np.random.default_rng(0), len(body_points(skeleton).body)
-    half = random.normal(0, 2, (len(time), points, 3, 3))
+    half = random.normal(0, 2, (2, len(time), points, 3, 3))
+    told, steady = half @ half.swapaxes(3, 4)
     return ClipRows(
-        told=half @ half.swapaxes(2, 3),
+        told=told,
         differences=third_differences(time),
         smooth=random.uniform(1e-6, 3e-6, (len(time) - 3, points)),
-        steady=random.uniform(1, 10, (len(time) - 1, points)),
+        steady=steady[1:],
         ways=random.normal(0, 0.1, (len(time) - 1, points, 3)),
         lower=np.full(vectors.shape, -0.02),
         upper=np.full(vectors.shape, 0.02),
@@ -156,8 +157,10 @@ def test_ways_that_flow_has_seen_bring_a_clip_nearer_to_the_truth(skeleton):
     true, found = poses_of(skeleton, vectors), noisy(skeleton, vectors, 1)
     places = linearise(skeleton, points, true, zero)[0]
     ways = np.diff(places, axis=0) + np.random.default_rng(2).normal(0, 0.002, (len(time) - 1, *places.shape[1:]))
-    seen = FlowSteps(ways, np.full(ways.shape[:2], 0.002**2))
-    nothing = FlowSteps(np.ones(ways.shape), np.full(ways.shape[:2], 1e4))  # a metre per frame, give or take a hundred
+    seen = FlowSteps(ways, 0.002**2 * np.broadcast_to(np.eye(3), (*ways.shape, 3)))
+    nothing = FlowSteps(
+        np.ones(ways.shape), 1e4 * np.broadcast_to(np.eye(3), (*ways.shape, 3))
+    )  # a metre per frame, give or take a hundred
     alone, better, same = (solve_clip(skeleton, found, time, steps=steps).poses for steps in (None, seen, nothing))
     errors = [places_of(skeleton, poses) - places_of(skeleton, true) for poses in (alone, better)]
     for order in (0, 1, 2):
