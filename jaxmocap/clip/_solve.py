@@ -40,8 +40,8 @@ NEAR = 100.0
 """Weight of an increment, 1/rad^2 and 1/m^2, a tenth of what the three points of a single body say of its turns."""
 
 WINDOW, MARGIN = 512, 48
-"""Frames that are solved at once, and of these the frames next to a neighbouring window that are the neighbour's: at 60
-frames per second what is so far away moved no joint of a real clip by a micrometre."""
+"""Frames that are solved at once, and of these the frames next to a neighbouring window that are the neighbour's: what
+is so far away has a millionth of its influence, a hundredth where a limb is in doubt all the while."""
 
 SLIP = 0.005
 """Metres that a standing point may creep in a second, standard deviation."""

@@ -93,7 +93,8 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_file(tmp_path, late, cut):
     folder = write_capture(truth, tmp_path / "film")
 
     def run(name, progress=None, **options):
-        track_capture(folder, tmp_path / name, quality="draft", overlays=False, progress=progress, **options)
+        told = {"quality": "draft", "settings": {"clip.flow": "true"}, "progress": progress}
+        track_capture(folder, tmp_path / name, overlays=False, **told, **options)
         return (tmp_path / name / "motion.npz").read_bytes()
 
     def cut_off(stage, frames, _):
