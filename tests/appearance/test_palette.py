@@ -1,6 +1,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxmocap.appearance import (
     ColourSettings,
@@ -70,6 +71,7 @@ def test_the_table_is_psi_at_the_palette_colours_even_for_tiny_floors():
     np.testing.assert_allclose(half, psi_table(model, palette, None, jnp.float32), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_table_error_falls_with_the_palette_and_stays_below_the_bound():
     rng = np.random.default_rng(4)
     ids, colours = scene(rng)

@@ -64,6 +64,7 @@ def test_keypoint_triangulation_asks_for_keypoints(world):
         track(world.observations(), tracker=KeypointTriangulation())
 
 
+@pytest.mark.slow
 def test_a_view_that_sees_nothing_takes_no_weight_from_the_others(world):
     view, three = world.cameras.at(2), np.array([0, 1, 1])
     view = View(view.intrinsics[three], view.cam_from_world[three])
@@ -74,6 +75,7 @@ def test_a_view_that_sees_nothing_takes_no_weight_from_the_others(world):
     assert error(world, pose, 2) < 0.8
 
 
+@pytest.mark.slow
 def test_too_few_keypoints_leave_the_last_pose(world, stood_still, tmp_path):
     folder = world.write_keypoints(tmp_path / "keypoints", [0])
     assert found(world, KeypointTriangulation(), Detections.open(world.capture, folder)) == pytest.approx(
@@ -81,6 +83,7 @@ def test_too_few_keypoints_leave_the_last_pose(world, stood_still, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_fit_to_perfect_keypoints_places_the_body_whatever_one_of_them_says(world, stood_still, tmp_path):
     folder = world.write_keypoints(tmp_path / "keypoints", range(3))
     assert found(world, KeypointFit(), Detections.open(world.capture, folder)) < 0.8

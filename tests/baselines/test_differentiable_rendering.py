@@ -54,6 +54,7 @@ def test_a_picture_one_tenth_brighter_costs_three(world, painted):
     assert totals[0] == pytest.approx(3.0, abs=0.05)  # 100 times 0.1^2 in three channels
 
 
+@pytest.mark.slow
 def test_soft_colours_tend_to_the_hard_ones(world, off):
     problem = world.problem(FRAME)
     (hard,), _ = PoseScore(ENERGY, world.character)(problem, [off])

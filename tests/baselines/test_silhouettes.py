@@ -58,6 +58,7 @@ def test_she_has_moved_by_centimetres(filmed):
     assert off(filmed, filmed.pose(FRAME - 1)) > 3.0
 
 
+@pytest.mark.slow
 def test_segment_and_fit_finds_her_with_all_that_is_true(filmed):
     assert found(filmed, SegmentAndFit(iterations=2, masks=given(filmed))) < 2.0
 

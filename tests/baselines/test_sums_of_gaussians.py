@@ -111,6 +111,7 @@ def test_the_gradient_is_that_of_differences(world, worker):
         assert measured == pytest.approx(float(slope @ way), abs=0.03 * steep)
 
 
+@pytest.mark.slow
 def test_pictures_of_the_gaussians_themselves_bring_the_pose_back(world, worker):
     """With exact colours, squares and cameras all around the truth explains all there is, and is found again."""
     body, skeleton, view = worker.memory, world.character.skeleton, all_around(world, 4)

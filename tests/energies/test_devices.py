@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 CODE = """
 import importlib, jax, jax.numpy as jnp, numpy as np
 share_out = importlib.import_module("jaxmocap.energies._search_energy")._share_out
@@ -31,6 +33,7 @@ def on_devices(count: int) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.slow
 def test_devices_share_the_particles_and_wait_for_each_other_once_a_generation():
     (alone, bits), (shared, same) = on_devices(1), on_devices(3)
     assert alone == "1 0 0"

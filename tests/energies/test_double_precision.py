@@ -39,7 +39,8 @@ def scores(world, moves, driver):
     return total(ENERGY, group, moves)
 
 
-@pytest.mark.parametrize("driver", ["loop", pytest.param("scatter", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("driver", ["loop", "scatter"])
 def test_particles_score_the_same_in_double_precision(world, driver):
     single = scores(world, jnp.asarray(MOVES, jnp.float32), driver)
     with jax.enable_x64(True):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import jax
 import numpy as np
+import pytest
 
 from jaxmocap.character import filled_up, simplify
 from jaxmocap.energies import search_energy
@@ -14,6 +15,7 @@ from jaxmocap.search._drawn_meshes import simplified_mesh
 FRAME = 2
 
 
+@pytest.mark.slow
 def test_a_filled_up_mesh_scores_as_the_mesh_itself(world):
     filled, problem = filled_up(world.character), world.problem(FRAME)
     poses = [world.pose(FRAME), world.pose(FRAME + 1)]

@@ -66,6 +66,7 @@ def test_a_limb_ten_degrees_off_is_brought_back(world, searches, find, name):
     assert np.all((found.angles >= skeleton.lower - 1e-6) & (found.angles <= skeleton.upper + 1e-6))
 
 
+@pytest.mark.slow
 def test_with_a_prior_a_limb_stays_where_it_is_right_and_is_brought_back_where_it_is_not(world, searches, find):
     """Turns that two views hardly see (an arm about its own axis) are left as they are, not drawn by chance."""
     spread, gone = world.character.skeleton.initial_spread, {}

@@ -38,6 +38,7 @@ def test_a_frame_is_tracked_with_every_sampler(world, sampler):
     assert vertex_errors(world, 2, tracked(world, tracker)).mean() < 0.7 * still
 
 
+@pytest.mark.slow
 def test_a_frame_is_tracked_with_another_sampler_than_the_default(world):
     """To the likeliest posture, whatever the pictures show: that energy compiles in half the time."""
     energy = SearchEnergy((Posture(),))
