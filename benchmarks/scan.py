@@ -9,8 +9,8 @@ the height: cameras and masks are found, and the scan is laid onto the truth by 
 centimetres at the head, makes the actor sway during a lap of half a minute; the truth is the mean pose. Of the real
 person (`--standing`) no surface is known: every second mask, and all but eight, are left out and compared with the
 scan's silhouette; so are the others' masks where ours are found. `--demo` films so many frames of the demo's dance and
-tracks them with the scan from each number of views, and with the true mesh. Every figure is a small record as in
-`stages.py`; `--gate` compares with a committed file.
+tracks them with the scan from each number of views, with the true mesh, and with that mesh rigged anew. Every figure is
+a small record as in `stages.py`; `--gate` compares with a committed file.
 """
 
 import argparse
@@ -120,13 +120,17 @@ def synthetic(views: int, seed: int, sway: float = 0.0, compensated: bool = Fals
 
 
 def demo(views: int, frames: int, seed: int) -> list[Figure]:
-    """Track the demo's dance with the true mesh and with a scan from so many views; markers against the truth."""
-    found, figures = reconstruct(around(views, seed)), []
+    """Track the demo's dance with the true mesh, as it is and rigged anew, and with a scan from so many views; markers
+    against the truth."""
+    found, true, figures = reconstruct(around(views, seed)), make_actor(), []
+    meshes = {"scan": (found.vertices, found.faces), "bare": (np.asarray(true.vertices, float), np.asarray(true.faces))}
     with tempfile.TemporaryDirectory() as place:
         folder = write_capture(make_capture(frames, seed=seed), Path(place) / "capture")
-        scanned = Path(place) / "scan.glb"
-        rig((found.vertices, found.faces), units="m", anew=True).character.save_glb(scanned)
-        for name, actor in (("the true mesh", None), (f"the scan from {views} views", scanned)):
+        rigged = {name: Path(place) / f"{name}.glb" for name in meshes}
+        for name, mesh in meshes.items():
+            rig(mesh, units="m", anew=True).character.save_glb(rigged[name])
+        actors = {"the true mesh": None, "the true mesh rigged anew": rigged["bare"]}
+        for name, actor in (actors | {f"the scan from {views} views": rigged["scan"]}).items():
             motion = track_capture(folder, Path(place) / name, seed=seed, actor=actor, overlays=False)
             error = evaluate(motion, folder / "truth.npz")["marker_error_cm"]["mean"]
             figures.append(record(f"demo, {frames} frames, {name}: markers, mean", error, "cm", 0.1))
