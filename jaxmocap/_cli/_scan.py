@@ -11,6 +11,8 @@ from ._arguments import Json, Seed, Weights
 from ._output import progress, say, show, write_png
 from ._rig import refuse_unusable
 
+Pixel = tuple[float, float]
+
 
 def scan(
     pictures: Annotated[
@@ -53,10 +55,20 @@ def scan(
         float | None,
         tyro.conf.arg(
             metavar="METRES",
-            help="How tall the person is; needed but where masks and cameras in metres are given.",
+            help="How tall the person is; needed but where a length is known, or masks and cameras in metres are "
+            "given.",
             help_behavior_hint="(default: the cameras are in metres)",
         ),
     ] = None,
+    known_length: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="METRES PICTURE:X,Y:X,Y ...",
+            help="Instead of the height: the length of a door or a stick, and the pixels of its two ends, the same end "
+            "first, in two or more pictures (names without ending) of the folder, or of that which --keep-views wrote.",
+            help_behavior_hint="",
+        ),
+    ] = (),
     focal: Annotated[
         float | None,
         tyro.conf.arg(
@@ -89,6 +101,7 @@ def scan(
             cameras=cameras,
             masks=masks,
             height=height,
+            known_length=_known_length(known_length),
             keep_views=keep_views,
             focal=focal,
             weights=weights,
@@ -110,3 +123,34 @@ def scan(
     for warning in made.report["warnings"]:
         say(f"{out}: {warning}.")
     return 0
+
+
+def _known_length(texts: tuple[str, ...]) -> tuple[float, dict[str, tuple[Pixel, Pixel]]] | None:
+    """Read `--known-length METRES PICTURE:X,Y:X,Y ...` as metres and two pixels by picture; None without it."""
+    if not texts:
+        return None
+    found: dict[str, tuple[Pixel, Pixel]] = {}
+    for text in texts[1:]:
+        name, first, second = [*text.rsplit(":", 2), "", ""][:3]
+        if name in found:
+            raise InputError(f"--known-length marks {name} twice; give every picture once.")
+        found[name] = _pixel(first, text), _pixel(second, text)
+    try:
+        return float(texts[0]), found
+    except ValueError:
+        raise InputError(_expected(texts[0])) from None
+
+
+def _pixel(part: str, text: str) -> Pixel:
+    try:
+        x, y = map(float, part.split(","))
+    except ValueError:
+        raise InputError(_expected(text)) from None
+    return x, y
+
+
+def _expected(text: str) -> str:
+    return (
+        f"--known-length has {text!r}; METRES PICTURE:X,Y:X,Y PICTURE:X,Y:X,Y was expected, such as 2.03 "
+        "view03:410,95:422,871 view07:388,102:391,880."
+    )

@@ -70,11 +70,12 @@ def run(
     metres; one of them, or an `actor` (a scan or a character), tells the scale. `focal` lengths in pixels, by camera,
     are kept. `offset` are seconds to add to a camera's own time, by camera, 0 for those it leaves out; with it nothing
     is synchronised. `scan` is a video once around the person, who stands still, pictures from all around, or what
-    `scan` kept of either, of which the actor is made; it needs the height. `frames` (A, B) are A to B - 1 of the shared
-    ones; None is the end. `person` are pixels on the person in the first picture that all videos share, by camera;
-    `weights` a detector's networks; `keypoints` a folder of another detector's files; `static` says that all cameras
-    stand still, whatever the background says. With `detections` keypoints count beside the pixels while tracking. With
-    one video the camera is taken to stand still and level.
+    `scan` kept of either, of which the actor is made; without a `height` it is as tall as several videos show the
+    person by the `camera_distance`, and what `scan` kept is as large as it was made. `frames` (A, B) are A to B - 1 of
+    the shared ones; None is the end. `person` are pixels on the person in the first picture that all videos share, by
+    camera; `weights` a detector's networks; `keypoints` a folder of another detector's files; `static` says that all
+    cameras stand still, whatever the background says. With `detections` keypoints count beside the pixels while
+    tracking. With one video the camera is taken to stand still and level.
 
     `plan` is told first what will be done, `say` what is assumed. Raises `InputError` for what cannot be used, before
     anything is done where that can be known, else naming the stage; what the stages before it made stays.

@@ -22,7 +22,7 @@ from jaxmocap.rigging import refuse_unreadable_actor
 from ._run_options import RunOptions
 from ._scan_folder import is_views_folder
 from ._scan_frames import index_of_walk
-from ._scan_views import pictures_in
+from ._scan_pictures import pictures_in
 
 
 def examine_files(

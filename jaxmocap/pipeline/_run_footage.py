@@ -52,11 +52,10 @@ class FootageWork(RunInputs):
         They must not count in what is done anew: selected frames that the videos no longer share, the bones of a body
         that was made of other keypoints, cameras that keypoints are held against. What was set by hand stays.
         """
-        own = self.options.actor or self.options.scan
         found = {
             line: None
             for stage, (line, _) in self._own_lines(*stages, "selected frames").items()
-            if not (stage == "body" and own)  # made before, of the person's own surface
+            if not (stage == "body" and self.options.body_first)  # made before, of the person's own surface
         }
         if found:
             self._set(**found)

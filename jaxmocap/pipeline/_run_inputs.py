@@ -120,7 +120,7 @@ class RunInputs:
     def of_calibrate(self) -> Any:
         """List what cameras are made of."""
         options = self.options
-        size = self.of_body() if (options.actor or options.scan) and options.camera_distance is None else None
+        size = self.of_body() if options.body_first and options.camera_distance is None else None
         told = [options.height, options.camera_distance, sorted(options.focal.items()), options.static, options.seed]
         config = self.config()
         read = [self.hash_of("keypoints"), config.keypoint_layout, config.frames]
@@ -164,11 +164,13 @@ class RunInputs:
 
     def of_body(self) -> Any:
         """List what the body is made of."""
-        if self.options.actor is not None:
-            return [path_hash(self.options.actor), self.options.height]
-        if self.options.scan is not None:
-            return [path_hash(self.options.scan), self.options.height, self.options.seed]
-        return [self.seen(), self.options.height, self.options.frames, self.options.seed]
+        options = self.options
+        if options.actor is not None:
+            return [path_hash(options.actor), options.height]
+        scanned = [] if options.scan is None else [path_hash(options.scan)]
+        if options.body_first:
+            return [*scanned, options.height, options.seed]
+        return [*scanned, self.seen(), options.height, options.frames, options.seed]
 
     def seen(self) -> Any:
         """List what is known of the person and the cameras, and how `capture.toml` says they are to be read."""

@@ -13,6 +13,8 @@ from jaxmocap.calibration import check_camera_distance
 from jaxmocap.capture import VideoIndex, index_video, path_hash, refuse_single_pictures
 from jaxmocap.rigging import check_height
 
+from ._scan_folder import is_views_folder
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -26,7 +28,8 @@ class RunOptions:
         frames: (first, behind the last) of the shared frames to track; None for the end.
         quality: preset of the tracker.
         actor: the person's mesh or character; None: the built-in body is made to measure.
-        scan: a video once around the person, or pictures from all around, that an actor is made of (`pipeline.scan`).
+        scan: a video once around the person, or pictures from all around, that an actor is made of (`pipeline.scan`);
+            without a height and a size of its own it is as tall as the person is in the videos.
         person: pixel on the person in the first picture that all videos share, by camera.
         weights: a detector's networks, for a machine without a network.
         keypoints: folder of a detector's files, instead of looking for the person.
@@ -49,6 +52,12 @@ class RunOptions:
     static: bool = False
     detections: bool = True
     seed: int = 0
+
+    @property
+    def body_first(self) -> bool:
+        """Whether the person's own body can be made before cameras are found: its size is told, or it has one."""
+        sized = self.height is not None or (self.scan is not None and is_views_folder(self.scan))
+        return self.actor is not None or (self.scan is not None and sized)
 
     def renamed(self, names: Mapping[str, str]) -> "RunOptions":
         """Call cameras by other names, which those that bear them keep."""
@@ -96,17 +105,20 @@ def examine(videos: Sequence[Path], options: RunOptions, names: Sequence[str]) -
         check_height(options.height)
     if options.scan is not None and options.actor is not None:
         raise InputError("--scan and --actor are given, and either is the person's body; leave one of them out")
-    if options.scan is not None and options.height is None:
-        raise InputError("--scan does not tell how large the person is; say how tall with --height METRES")
+    if options.scan is not None and not options.body_first and (len(videos) == 1 or options.camera_distance is None):
+        raise InputError(
+            "--scan does not tell how large the person is; say how tall with --height METRES, or, of two videos, how "
+            "far the first two cameras stand apart with --camera-distance METRES"
+        )
     if len(videos) == 1:
-        if options.height is None and options.actor is None:
+        if options.height is None and not options.body_first:
             raise InputError(
                 "one video does not tell how large the person is: say it with --height METRES, or give a scan of the "
                 "person with --actor"
             )
         if options.camera_distance is not None:
             raise InputError("--camera-distance is given, but there is one camera; leave it out")
-    elif options.height is None and options.camera_distance is None and options.actor is None:
+    elif options.height is None and options.camera_distance is None and not options.body_first:
         raise InputError(
             "videos alone do not tell how large anything is: say how tall the person is with --height METRES, or how "
             "far the first two cameras stand apart with --camera-distance METRES"

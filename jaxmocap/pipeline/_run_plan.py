@@ -95,7 +95,7 @@ def _estimate(work: RunWork, stage: Stage) -> float:
     if stage.name == "body" and work.options.actor is not None:
         return 5.0
     if stage.name == "body" and work.options.scan is not None:
-        return _SCAN
+        return _SCAN if work.options.body_first else _SCAN + seconds
     return seconds + (tracked * len(counts) * _PER_TRACKED[work.options.quality] if stage.name == "track" else 0.0)
 
 

@@ -89,7 +89,6 @@ def stages_of(work: RunWork) -> list[Stage]:
         if work.several
         else f"give a camera of your own (jaxmocap cameras {work.folder} --from FILE)",
     )
-    own = work.options.actor or work.options.scan
     make = "scan the person" if work.options.scan else "make a body to the person's measure"
     body = Stage(
         "body",
@@ -99,7 +98,8 @@ def stages_of(work: RunWork) -> list[Stage]:
         work.body,
         "give a scan or a character of the person with --actor FILE",
     )
-    middle = [body, detect, calibrate] if own else [detect, calibrate, body]  # bones tell the scale
+    first = work.options.body_first  # and its bones tell the scale
+    middle = [body, detect, calibrate] if first else [detect, calibrate, body]
     found += [
         *middle,
         Stage(

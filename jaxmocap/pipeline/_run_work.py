@@ -20,7 +20,7 @@ from jaxmocap.rigging import brings_skin, open_actor
 from jaxmocap.viewers import REPORT_PAGE, report_page
 
 from ._defaults import with_selected_frames
-from ._made_to_measure import character_of
+from ._made_to_measure import MadeBody, character_of
 from ._run_folder import finished, refuse_foreign
 from ._run_footage import FootageWork
 from ._run_options import span_within
@@ -46,21 +46,12 @@ class RunWork(FootageWork):
         if options.actor is not None:
             character, as_it_is = self._actor(options.actor)
         elif options.scan is not None:
-            told = {"height": options.height, "seed": options.seed, "say": self.say, "progress": self.progress}
+            height = options.height if options.body_first else self._measured_height()
+            told = {"height": height, "seed": options.seed, "say": self.say, "progress": self.progress}
             scanned = scan(options.scan, weights=options.weights, **told)
             character, colours = scanned.rigged.character, scanned.colours
         else:
-            key = jax.random.key(options.seed)
-            capture = replace(self._open(), actor=None)
-            made = character_of(
-                capture,
-                height=options.height,
-                scale_cameras=self.scale_from_height(),
-                within=self.options.frames,
-                key=key,
-                say=self.say,
-                progress=self.progress,
-            )
+            made = self._made_to_measure()
             character = made.character
             if made.camera_scale != 1:
                 self._scale_cameras(made.camera_scale)
@@ -73,6 +64,24 @@ class RunWork(FootageWork):
         self._announce("body", "actor", file.name)
         self._set(actor=file.name)
         return file.name
+
+    def _made_to_measure(self) -> MadeBody:
+        """Make the built-in body to the person's measure: as tall as was said, or as the cameras' scale has it."""
+        return character_of(
+            replace(self._open(), actor=None),
+            height=self.options.height,
+            scale_cameras=self.scale_from_height(),
+            within=self.options.frames,
+            key=jax.random.key(self.options.seed),
+            say=self.say,
+            progress=self.progress,
+        )
+
+    def _measured_height(self) -> float:
+        """Measure in the videos how tall the person is, whose cameras' distance tells the scale."""
+        height = round(float(stature(self._made_to_measure().character)), 4)
+        self.say(f"The scan is made {height:.2f} m tall, as the person is by the distance between the cameras.")
+        return height
 
     def _actor(self, file: Path) -> tuple[Character, bool]:
         """Open the actor, as tall as the person; tell whether that is what is in its file, a skinned GLB."""

@@ -1,5 +1,6 @@
 """`scan`: a walk around a standing person, or pictures from all around, become an actor."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from jaxmocap.rigging import RiggedMesh, refuse_number_of_triangles, rig
 from jaxmocap.scan import Scan, reconstruct, vertex_colours
 
 from ._scan_folder import ScanViews, is_views_folder
+from ._scan_length import KnownLength, Pixel
 from ._scan_views import read_views, widest_gap
 
 POOR = 0.85
@@ -31,9 +33,10 @@ class ScannedActor:
         scan: the surface in the cameras' world, in metres.
         rigged: the actor that was made of it.
         colours: of the actor's vertices, sRGB, for viewers.
-        report: what was found, as JSON knows it: `views`, `left_out`, `widest_gap_degrees` around the person,
-            `overlap` and `masks` (where each comes from, and how sure it is) by view, `sway_cm` of somebody who was
-            filmed and did not stand quite still, `scanned_triangles`, and what `rig` reports.
+        report: what was found, as JSON knows it: `views`, `left_out`, `widest_gap_degrees` around the person, what told
+            the `scale` (`from` "height", "cameras", or "known length" and how well its marks agree), `overlap` and
+            `masks` (where each comes from, and how sure it is) by view, `sway_cm` of somebody who was filmed and did
+            not stand quite still, `scanned_triangles`, and what `rig` reports.
     """
 
     scan: Scan
@@ -49,6 +52,7 @@ def scan(
     cameras: str | Path | None = None,
     masks: str | Path | None = None,
     height: float | None = None,
+    known_length: tuple[float, Mapping[str, tuple[Pixel, Pixel]]] | None = None,
     keep_views: str | Path | None = None,
     focal: float | None = None,
     weights: str | Path | None = None,
@@ -72,22 +76,30 @@ def scan(
 
     `weights` are the detector's networks, for a machine without a network.
 
-    `height`, metres, tells the size; it may be left out where masks and cameras in metres are given. Writes a GLB to
-    `out`, if given, that `track --actor` takes, with a colour per vertex that exports keep. `say` takes sentences on
-    what was assumed, `progress` what is being done. Raises `InputError` for files that are missing or do not fit, a
-    walk that does not go around, a person who moved, silhouettes with nothing in common, and where no standing person
-    is found.
+    `height`, metres, tells the size. Instead `known_length` may: metres, and by name of the picture (without ending)
+    the pixels of both ends, the same end first, in two or more `pictures` as they are stored, or as `keep_views` wrote
+    them; it also replaces what told the scale of views that were kept. Neither is needed where masks and cameras in
+    metres are given. Writes a GLB to `out`, if given, that `track --actor` takes, with a colour per vertex that exports
+    keep. `say` takes sentences on what was assumed, `progress` what is being done. Raises `InputError` for files that
+    are missing or do not fit, a walk that does not go around, marks of a length that do not agree, a person who moved,
+    silhouettes with nothing in common, and where no standing person is found.
     """
     refuse_number_of_triangles(num_faces)
     if out is not None and Path(out).suffix.lower() != ".glb":
         raise InputError(f"{out}: a scan is written as GLB; choose a name that ends in .glb.")
+    length = None if known_length is None else KnownLength(*known_length)
     told = {"focal": focal, "weights": weights, "seed": seed, "say": say, "progress": progress}
-    shown = read_views(pictures, cameras, masks, height, keep_views=keep_views, **told)
+    shown = read_views(pictures, cameras, masks, height, length=length, keep_views=keep_views, **told)
     names, views, height = shown.names, shown.views, shown.height
     if doubtful := _doubtful(shown):
         place = keep_views or pictures
         how = f"correct {Path(place) / 'masks'} and scan {place}" if is_views_folder(Path(place)) else _LOOK
         say(f"The outline is doubtful in {', '.join(doubtful)}: {how}.")
+    if length is not None and shown.length is not None:
+        say(
+            f"The known length tells the scale: its worst mark is off by {shown.length.off_pixels:.1f} pixels, and a "
+            f"pixel of error in every mark is {shown.length.percent_per_pixel:.1f} % of the size."
+        )
     progress("surface", 0, 1)
     found = reconstruct(views, swaying=shown.filmed)
     progress("surface", 1, 1)
@@ -110,6 +122,7 @@ def scan(
         "views": len(names),
         "left_out": left_out,
         "widest_gap_degrees": round(widest_gap(views.cam_from_world), 1),
+        "scale": shown.scale,
         "overlap": {name: round(float(share), 4) for name, share in zip(names, found.overlap, strict=True)},
         "masks": dict(zip(names, shown.masks, strict=True)),
         "sway_cm": None if found.sway is None else round(100 * found.sway.extent, 2),

@@ -15,6 +15,8 @@ from jaxmocap._results import InputError
 from jaxmocap.scan import Views
 from jaxmocap.viewers import draw_mask
 
+from ._scan_length import MeasuredLength
+
 _RECORD = "views.json"
 """File by which a folder is known as one of these."""
 
@@ -31,9 +33,10 @@ class ScanViews(NamedTuple):
         names: of the views.
         views: pictures, masks and cameras in metres.
         filmed: whether they follow each other in time.
-        height: of the person, metres, where it is known.
+        height: of the person, metres, where that tells the scale.
         masks: where each comes from and how sure it is, as `person_record` says; the source is "corrected" where
             somebody changed it in a folder of views.
+        length: that tells the scale, where one does.
     """
 
     names: tuple[str, ...]
@@ -41,6 +44,14 @@ class ScanViews(NamedTuple):
     filmed: bool
     height: float | None
     masks: tuple[dict[str, Any], ...]
+    length: MeasuredLength | None = None
+
+    @property
+    def scale(self) -> dict[str, Any]:
+        """What told the scale, as a report holds it."""
+        if self.length is not None:
+            return {"from": "known length", **self.length._asdict()}
+        return {"from": "cameras" if self.height is None else "height"}
 
 
 class _View(BaseModel):
@@ -55,6 +66,7 @@ class _Record(BaseModel):
     model_config = ConfigDict(frozen=True)
     filmed: bool
     height_m: FiniteFloat | None
+    known_length: MeasuredLength | None = None
     views: dict[str, _View]
 
 
@@ -75,7 +87,12 @@ def write_views(folder: Path, shown: ScanViews, images: Iterable[UInt8[np.ndarra
             {"mask": record, "mask_hash": _hash(mask), "intrinsics": intrinsics, "cam_from_world": pose}
             for record, mask, intrinsics, pose in cameras
         ]
-        record = {"filmed": shown.filmed, "height_m": shown.height, "views": dict(zip(shown.names, views, strict=True))}
+        record = {
+            "filmed": shown.filmed,
+            "height_m": shown.height,
+            "known_length": None if shown.length is None else shown.length._asdict(),
+            "views": dict(zip(shown.names, views, strict=True)),
+        }
         write_json(partial / _RECORD, record)
 
 
@@ -104,7 +121,7 @@ def read_folder(folder: Path) -> tuple[ScanViews, Iterator[UInt8[np.ndarray, "he
         for mask, view in zip(masks, known.values(), strict=True)
     )
     views = Views(np.stack(grey), np.stack(masks), intrinsics, poses, np.stack(pictures))
-    return ScanViews(tuple(known), views, record.filmed, record.height_m, origins), images()
+    return ScanViews(tuple(known), views, record.filmed, record.height_m, origins, record.known_length), images()
 
 
 def grey_and_small(

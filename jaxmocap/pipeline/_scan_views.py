@@ -3,14 +3,12 @@
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, UInt8
 
-from jaxmocap._files import is_clutter
 from jaxmocap._results import InputError
 from jaxmocap._types import Report, Say
 from jaxmocap.calibration import PHONE_FOCAL, calibrate_pictures
@@ -26,17 +24,20 @@ from ._scan_folder import (
     grey_and_small,
     is_views_folder,
     read_folder,
-    read_mask,
     read_picture,
     refuse_sizes,
     write_views,
 )
 from ._scan_frames import LONGEST, frames_of_walk
+from ._scan_length import KnownLength, refuse_giant
 from ._scan_masks import find_outlines
+from ._scan_pictures import in_place, mask_of, pictures_in
 
-PICTURES = (".jpg", ".jpeg", ".png")
 WIDEST_GAP = 110.0
 """Degrees around the person without a picture, from which on there is no scan: what no outline cuts stays."""
+
+ASSUMED = 1.7
+"""Metres of the body around which outlines are looked for where a known length tells the scale."""
 
 
 def read_views(
@@ -45,6 +46,7 @@ def read_views(
     masks: str | Path | None = None,
     height: float | None = None,
     *,
+    length: KnownLength | None = None,
     keep_views: str | Path | None = None,
     focal: float | None = None,
     weights: str | Path | None = None,
@@ -54,16 +56,23 @@ def read_views(
 ) -> ScanViews:
     """Read the views, as `scan` says, and find cameras and masks where none are given; write them to `keep_views`."""
     pictures = Path(pictures)
+    if height is not None and length is not None:
+        raise InputError("--height and --known-length both tell how large the person is; leave one of them out.")
     if keep_views is not None and Path(keep_views).exists() and not _is_empty_folder(Path(keep_views)):
         raise InputError(f"{keep_views} exists already; choose a new or an empty folder with --keep-views.")
     with tempfile.TemporaryDirectory() as place:
         if is_views_folder(pictures):
             _refuse_beside_folder(pictures, cameras, masks, focal)
             shown, images = read_folder(pictures)
+            shown = shown if length is None else _by_length(shown, length, pictures / "pictures")
         else:
-            _refuse_options(pictures, cameras, masks, height, focal)
+            _refuse_options(pictures, cameras, masks, height, length, focal)
             told = {"focal": focal, "weights": weights, "seed": seed, "say": say, "progress": progress}
-            shown, images = _look(pictures, Path(place), cameras, masks, height, **told)
+            shown, images = _look(pictures, Path(place), cameras, masks, height, length, **told)
+        if shown.length is not None:
+            refuse_giant(shown.length, person_place(shown.views)[1])
+            if height is not None:
+                raise InputError(f"a known length tells the scale of the views in {pictures}; leave --height out.")
         if height is not None and shown.height is None:
             shown.views.cam_from_world[:, :3, 3] *= height / person_place(shown.views)[1]
             shown = shown._replace(height=height)
@@ -83,6 +92,7 @@ def _look(
     cameras: str | Path | None,
     masks: str | Path | None,
     height: float | None,
+    length: KnownLength | None,
     *,
     focal: float | None,
     weights: str | Path | None,
@@ -97,10 +107,12 @@ def _look(
         recorded = (0, 0)  # which masks have, and they go with pictures alone
     else:
         longest = LONGEST if cameras is None else None
-        prepared = [_in_place(file, place, cameras is None, longest) for file in pictures_in(pictures)]
+        prepared = [in_place(file, place, cameras is None, longest) for file in pictures_in(pictures)]
         refuse_sizes(pictures, {one.size for one in prepared})
         files, guess, scale = [one.file for one in prepared], None, prepared[0].scale
         recorded = prepared[0].size
+    if length is not None:
+        length.refuse_outside(pictures, [file.stem for file in files], recorded)
     focal = scale * focal if focal is not None else None
     first = read_picture(files[0])
     size = (first.shape[1], first.shape[0])
@@ -113,12 +125,17 @@ def _look(
         known, files = placed.cameras, [file for file in files if file.name in placed.names]
         _refuse_open_lap(pictures, known)
     else:
-        known = read_picture_cameras(Path(cameras), [file.name for file in files], size, any_scale=height is not None)
+        any_scale = height is not None or length is not None
+        known = read_picture_cameras(Path(cameras), [file.name for file in files], size, any_scale=any_scale)
+    measured = None
+    if length is not None:
+        known, measured = length.scale([file.stem for file in files], known, recorded)
     outlines = None
     if masks is None:
-        assert height is not None
-        outlines = find_outlines(files, known, height, jax.random.key(seed), weights, say, progress)
-        known, files = outlines.cameras, [files[view] for view in outlines.used]
+        tall = ASSUMED if height is None else height
+        outlines = find_outlines(files, known, tall, jax.random.key(seed), weights, say, progress)
+        files = [files[view] for view in outlines.used]
+        known = outlines.cameras if measured is None else known.only(outlines.used)
         if cameras is None:
             _refuse_open_lap(pictures, known)
     cameras_of = zip(known.intrinsics, known.distortion, known.sizes, strict=True)
@@ -132,12 +149,24 @@ def _look(
         shown, origins = outlines.masks, tuple(person_record(one) for one in outlines.people)
     else:
         assert masks is not None
-        drawn = [_mask(Path(masks), file, recorded, size) for file in files]
+        drawn = [mask_of(Path(masks), file, recorded, size) for file in files]
         shown = np.stack([lens.mask(mask) for lens, mask in zip(lenses, drawn, strict=True)])
         height, origins = None, ({"source": "given"},) * len(files)  # nothing has told the scale by the height yet
     grey, coloured = map(np.stack, zip(*map(grey_and_small, images()), strict=True))
     views = Views(grey, shown, np.asarray(known.intrinsics), np.array(known.cam_from_world[:, 0]), coloured)
-    return ScanViews(tuple(file.stem for file in files), views, filmed, height, origins), images()
+    return ScanViews(tuple(file.stem for file in files), views, filmed, height, origins, measured), images()
+
+
+def _by_length(shown: ScanViews, length: KnownLength, pictures: Path) -> ScanViews:
+    """Scale views that were kept to what a known length says, whatever told their scale before."""
+    views, (high, wide) = shown.views, shown.views.masks.shape[1:]
+    length.refuse_outside(pictures, shown.names, (wide, high))
+    poses = jax.device_put(views.cam_from_world[:, None])
+    lenses = jax.device_put(views.intrinsics), jax.device_put(np.zeros((len(poses), 5), np.float32))
+    cameras = Cameras(shown.names, ((wide, high),) * len(poses), *lenses, poses)
+    cameras, measured = length.scale(shown.names, cameras, (wide, high))
+    views = views._replace(cam_from_world=np.array(cameras.cam_from_world[:, 0]))
+    return shown._replace(views=views, height=None, length=measured)
 
 
 def widest_gap(cam_from_world: Float[np.ndarray, "view 4 4"]) -> float:
@@ -173,14 +202,30 @@ def _is_empty_folder(path: Path) -> bool:
 
 
 def _refuse_options(
-    pictures: Path, cameras: str | Path | None, masks: str | Path | None, height: float | None, focal: float | None
+    pictures: Path,
+    cameras: str | Path | None,
+    masks: str | Path | None,
+    height: float | None,
+    length: KnownLength | None,
+    focal: float | None,
 ) -> None:
+    if length is not None and pictures.is_file():
+        raise InputError(
+            f"--known-length is marked in pictures, and {pictures} is a video: scan it with --height METRES (a guess "
+            "will do) and --keep-views DIR first, mark the length in DIR/pictures, then scan DIR with --known-length."
+        )
     if height is not None:
         check_height(height)
-    elif masks is None:
-        raise InputError("masks are found around a body of the person's height; say it with --height, or give --masks.")
-    elif cameras is None:
-        raise InputError("pictures alone do not tell how large anything is: say how tall the person is with --height.")
+    elif length is None and masks is None:
+        raise InputError(
+            "masks are found around a body of the person's height; say it with --height, or give --masks, or mark a "
+            "--known-length in pictures."
+        )
+    elif length is None and cameras is None:
+        raise InputError(
+            "pictures alone do not tell how large anything is: say how tall the person is with --height, or mark a "
+            "--known-length in them."
+        )
     if pictures.is_file() and (cameras is not None or masks is not None):
         given = "--cameras" if cameras is not None else "--masks"
         raise InputError(f"{given} goes with a folder of pictures, and {pictures} is a video; leave it out.")
@@ -190,55 +235,3 @@ def _refuse_options(
         raise InputError(
             f"--focal is {focal:g}; a focal length in pixels was expected, about the width of the pictures."
         )
-
-
-def pictures_in(folder: Path) -> list[Path]:
-    """List the pictures of a folder. Raises `InputError` without any, and for two of one name."""
-    if not folder.is_dir():
-        raise InputError(
-            f"{folder} does not exist; give a video, or the folder of the pictures ({', '.join(PICTURES)})."
-        )
-    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in PICTURES and not is_clutter(file.name))
-    if not files:
-        raise InputError(f"{folder} holds no pictures ({', '.join(PICTURES)}).")
-    stems = [file.stem for file in files]
-    for stem in stems:
-        if stems.count(stem) > 1:
-            raise InputError(f"{folder} holds {stem} as more than one kind of file; keep one.")
-    return files
-
-
-class _Picture(NamedTuple):
-    """A picture that any program reads alike: its file, how large it was, and by how much it was made smaller."""
-
-    file: Path
-    size: tuple[int, int]
-    scale: float
-
-
-def _in_place(file: Path, place: Path, upright: bool, longest: int | None) -> _Picture:
-    """Give a picture that its metadata turns as a copy: upright, or as it is stored, which is how others' cameras see
-    it; and one whose longer side has more than `longest` pixels as a smaller one. Else it is the picture itself."""
-    stored, turned = (
-        read_picture(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION),
-        read_picture(file, cv2.IMREAD_COLOR),
-    )
-    pixels = turned if upright else stored
-    height, width = pixels.shape[:2]
-    scale = min(1.0, longest / max(width, height)) if longest is not None else 1.0
-    if scale == 1.0 and np.array_equal(stored, turned):
-        return _Picture(file, (width, height), 1.0)
-    if scale < 1.0:
-        pixels = cv2.resize(pixels, (round(scale * width), round(scale * height)), interpolation=cv2.INTER_AREA)
-    quality = [] if file.suffix.lower() == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 98]
-    encoded = cv2.imencode(file.suffix, pixels, quality)[1]
-    (place / file.name).write_bytes(encoded.tobytes())
-    return _Picture(place / file.name, (width, height), scale)
-
-
-def _mask(
-    folder: Path, picture: Path, recorded: tuple[int, int], size: tuple[int, int]
-) -> Bool[np.ndarray, "height width"]:
-    """Read a mask of the size of a recorded picture, and make it `size`."""
-    mask = read_mask(folder / f"{picture.stem}.png", picture.name, recorded)
-    return mask if size == recorded else cv2.resize(255 * mask.astype(np.uint8), size) > 127

@@ -61,6 +61,7 @@ def done(monkeypatch, motion) -> list[str]:
         cameras = _run_footage.free_name(folder, "cameras")
         cameras.mkdir()
         (cameras / "height").write_text(str(options["height"]))
+        (cameras / "distance").write_text(str(options["camera_distance"]))
         (cameras / "static").write_text(str(options["static"]))
         lost = {"left": {"interpolated": []}, "right_hand": {"interpolated": list(range(6, 12))}}
         scale = {"from": "height" if options["camera_distance"] is None else "camera distance"}

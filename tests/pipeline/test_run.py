@@ -116,6 +116,34 @@ def test_a_walk_around_the_person_becomes_the_actor_and_is_made_again_when_it_ch
     assert list(run(clips, tmp_path / "dance", height=1.8, scan=walk).seconds)[:2] == ["body", "calibrate"]
 
 
+def test_without_a_height_the_scan_is_as_tall_as_the_person_between_cameras_of_known_distance(clips, done, tmp_path):
+    """The built-in body is made to the person's measure first, of cameras that are there by then."""
+    walk, out, said = make_video(tmp_path / "walk.mp4"), tmp_path / "dance", []
+    told = {"scan": walk, "height": None, "camera_distance": 2.0}
+    assert again(clips, out, **told, say=said.append)[1] == STAGES
+    assert [name for name in done if name in ("calibrate", "body", "scan")] == ["calibrate", "body", "scan"]
+    tall = float(stature(body()))
+    assert float(stature(Character.load(out / "capture" / "actor.glb"))) == pytest.approx(tall, abs=1e-3)
+    assert f"The scan is made {tall:.2f} m tall, as the person is by the distance between the cameras." in said
+    assert again(clips, out, **told)[1] == []
+    behind = ["selected frames", "track"]
+    assert again(clips, out, **(told | {"camera_distance": 2.1}))[1] == ["calibrate", "body", *behind]
+    assert list(run(clips, out, **(told | {"height": 1.8})).seconds) == ["body", "calibrate", *behind]
+    assert float(stature(Character.load(out / "capture" / "actor-3.glb"))) == pytest.approx(1.8, abs=1e-3)
+    assert again(clips, out, **told)[1] == ["calibrate", "body", *behind]
+    with pytest.raises(InputError, match="--scan does not tell how large the person is"):
+        run(clips[0], tmp_path / "one", scan=walk)
+
+
+def test_views_that_a_scan_kept_have_a_size_of_their_own(clips, done, tmp_path):
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "views.json").write_text("{}")
+    _, names = again(clips, tmp_path / "dance", scan=tmp_path / "kept", height=None)
+    assert names == ["capture", "synchronise", "body", "detect", "calibrate", "selected frames", "track"]
+    assert "scan" in done
+    assert "body" not in done
+
+
 def test_a_camera_is_called_as_in_the_capture_or_like_its_video_now(clips, done, tmp_path):
     out, moved = tmp_path / "dance", [clips[0], Path(shutil.copy(clips[1], tmp_path / "b.mp4"))]
     again(clips, out)

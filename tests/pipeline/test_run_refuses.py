@@ -37,7 +37,7 @@ from jaxmocap.pipeline import _run_files, run
         ({"quality": "fast"}, "--quality is 'fast'; one of draft, normal, paper was expected"),
         ({"scan": "nowhere.mp4"}, "--scan nowhere.mp4 does not exist"),
         ({"scan": "walk.mp4", "actor": "me.glb"}, "--scan and --actor are given"),
-        ({"scan": "walk.mp4", "height": None, "camera_distance": 2.0}, "--scan does not tell how large the person is"),
+        ({"scan": "walk.mp4", "height": None}, "--scan does not tell how large the person is; .* --camera-distance"),
     ],
 )
 def test_what_cannot_work_is_refused_before_anything_is_done(options, words, clips, done, tmp_path):

@@ -12,7 +12,8 @@ from jaxmocap.camera import Cameras, write_cameras
 from jaxmocap.capture import index_video
 from jaxmocap.geometry import face_components
 from jaxmocap.pipeline import scan
-from jaxmocap.pipeline._scan_views import _in_place, read_views
+from jaxmocap.pipeline._scan_pictures import in_place
+from jaxmocap.pipeline._scan_views import read_views
 from jaxmocap.scan import Views, overlaps, reconstruct, visual_hull
 
 SIZE, FOCAL, AWAY, RADIUS = 160, 150.0, 1.0, 0.3
@@ -168,7 +169,7 @@ def test_a_picture_that_its_metadata_turns_is_one_for_everybody(cameras, tmp_pat
     file.write_bytes(plain[:2] + b"\xff\xe1" + struct.pack(">H", len(note) + 2) + note + plain[2:])
     place = tmp_path / "place"
     place.mkdir()
-    copy, size, scale = _in_place(file, place, cameras is None, None)
+    copy, size, scale = in_place(file, place, cameras is None, None)
     assert (copy, scale) == (place / file.name, 1.0)
     wanted = shown if cameras is None else stored
     for flags in (cv2.IMREAD_COLOR, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION):
@@ -177,8 +178,8 @@ def test_a_picture_that_its_metadata_turns_is_one_for_everybody(cameras, tmp_pat
         assert np.abs(found.astype(int) - wanted).mean() < 5
     assert index_video(copy).size == size == (wanted.shape[1], wanted.shape[0])
     (tmp_path / "plain.jpg").write_bytes(plain)
-    assert _in_place(tmp_path / "plain.jpg", place, True, None).file == tmp_path / "plain.jpg"
-    smaller = _in_place(file, place, cameras is None, 40)
+    assert in_place(tmp_path / "plain.jpg", place, True, None).file == tmp_path / "plain.jpg"
+    smaller = in_place(file, place, cameras is None, 40)
     assert (smaller.size, smaller.scale) == (size, 0.5)
     assert cv2.imread(str(smaller.file)).shape == (wanted.shape[0] // 2, wanted.shape[1] // 2, 3)
 

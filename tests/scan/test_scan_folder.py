@@ -192,6 +192,7 @@ def test_masks_are_kept_and_doubts_are_told_before_the_surface_fails(kept, stand
 def test_kept_views_give_the_same_actor_and_corrected_ones_another(kept, tmp_path):
     shown, folder = kept
     made = [scan(folder, tmp_path / name / "her.glb", keep_views=tmp_path / name / "views") for name in ("a", "b")]
+    assert made[0].report["scale"] == {"from": "height"}
     actor = (tmp_path / "a" / "her.glb").read_bytes()
     assert scan(tmp_path / "a" / "views", tmp_path / "c" / "her.glb").report == made[0].report
     assert actor == (tmp_path / "b" / "her.glb").read_bytes() == (tmp_path / "c" / "her.glb").read_bytes()
