@@ -50,15 +50,15 @@ class Scan:
 
 
 def reconstruct(
-    views: Views, *, cell: float = 0.01, num_faces: int = 20_000, rounds: int = 3, swaying: bool = False
+    views: Views, *, cell: float = 0.01, num_faces: int = 20_000, rounds: int = 10, swaying: bool = False
 ) -> Scan:
     """Reconstruct the surface of a person who stands still.
 
     The visual hull on a grid of `cell` metres, simplified to about `num_faces` triangles, is refined in `rounds`
-    rounds (`refine_surface`); 0 leaves the hull. With six views or more, one whose mask lacks what the others show is
-    left out: a single mask without an arm would carve it off. `swaying` looks for small motions of the person in views
-    that follow each other in time (`find_sway`). Raises `InputError` for too few views and for silhouettes with nothing
-    in common.
+    rounds at most (`refine_surface`); 0 leaves the hull. With six views or more, one whose mask lacks what the others
+    show is left out: a single mask without an arm would carve it off. `swaying` looks for small motions of the person
+    in views that follow each other in time (`find_sway`). Raises `InputError` for too few views and for silhouettes
+    with nothing in common.
     """
     count = len(views.masks)
     if count < FEWEST_VIEWS:

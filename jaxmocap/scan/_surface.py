@@ -28,9 +28,12 @@ SAME = 5
 ROBUST = 0.01
 """Metres at which what one pixel says counts a quarter (Geman and McClure 1985)."""
 
-OUTLINE, STIFF, FAIR = 20.0, 30.0, 40.0
+OUTLINE, STIFF, FAIR = 5.0, 30.0, 40.0
 """Weights of a pixel of an outline, of bending the offset and of bending the surface, where a pixel that two pictures
 agree on counts 1."""
+
+SETTLED = 0.0006
+"""Metres that a round moves the surface by, root mean square, below which it is the last."""
 
 
 class _Pulls(NamedTuple):
@@ -43,14 +46,14 @@ class _Pulls(NamedTuple):
 
 
 def refine_surface(
-    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], views: Views, rounds: int = 3
+    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], views: Views, rounds: int = 10
 ) -> Float[np.ndarray, "vertex 3"]:
     """Move the vertices of a hull along their normals to where pictures agree and outlines match.
 
     Each round transfers every picture over the surface into its neighbours and takes the optical flow that is left
     (as view-view consistency, Eq. 7, in least-squares form): the two rays of a match meet where the surface is.
     Outlines pull from where the mesh ends to where the mask does. Between them the offsets are smooth, and so is the
-    surface; one sparse linear system per round.
+    surface; one sparse linear system per round. There are at most so many `rounds`, and fewer where views are many.
     """
     near, distances = pack_rows(faces_within(faces, SAME)), mask_distances(views.masks)
     pairs, laplacian = _neighbours(views, vertices), uniform_laplacian(faces, len(vertices))
@@ -60,8 +63,10 @@ def refine_surface(
         normals = vertex_normals(vertices, faces)
         pulls = [_agreement(faces, normals, near, drawn[here], drawn[there]) for here, there in pairs]
         pulls += [_outline(faces, normals, *one) for one in zip(distances, drawn, strict=True)]
-        vertices = vertices + normals * _offsets(vertices, faces, normals, pulls, bending)[:, None]
-        vertices = _evened(vertices, faces, laplacian)
+        offsets = _offsets(vertices, faces, normals, pulls, bending)
+        vertices = _evened(vertices + normals * offsets[:, None], faces, laplacian)
+        if np.sqrt(np.mean(offsets**2)) < SETTLED:
+            break
     return vertices
 
 

@@ -108,7 +108,8 @@ def real_weights(monkeypatch):
     """Weights are looked for as ever, but not downloaded."""
     monkeypatch.setattr(_run_files, "get_weights", _weights.get_weights)
     monkeypatch.setattr(_weights.shutil, "which", lambda name: None)
-    monkeypatch.setattr(_weights.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=1, stderr="no network"))
+    failed = SimpleNamespace(returncode=1, stderr="no network")
+    monkeypatch.setattr(_weights, "subprocess", SimpleNamespace(run=lambda *_, **__: failed))
 
 
 @pytest.mark.parametrize(
