@@ -21,6 +21,7 @@ from ._edit_config import (
     with_lines as with_lines,
     with_offsets as with_offsets,
 )
+from ._flash import lit_apart as lit_apart, lit_by_flash as lit_by_flash
 from ._picture_steps import (
     Undistortion as Undistortion,
     mask_file as mask_file,

@@ -18,6 +18,7 @@ from ._check_videos import check_sync, check_videos
 from ._check_views import check_shared_frames, check_views
 from ._choose_frames import choose_frames
 from ._config import CaptureConfig, Finding, config_path, missing_files, read_config
+from ._flash import check_selected_light
 from ._picture_steps import reduced_size
 from ._video import VideoIndex, index_video
 
@@ -172,6 +173,7 @@ def check(path: str | Path, frames: tuple[int, int | None] | None = None) -> lis
         cameras = _cameras(capture, findings)
         findings += check_keypoints(capture)
         findings += check_masks(capture)
+        findings += _attempt(findings, "selected_frames", lambda: list(check_selected_light(capture))) or []
         if cameras is not None:
             findings += check_paths(capture, cameras)
             findings += _about_person(capture, cameras)

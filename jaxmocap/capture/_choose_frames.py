@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from jaxmocap.camera import Cameras, project, triangulate
 
 from ._capture import KEYPOINT_NAMES, Capture
+from ._flash import lit_by_flash
 
 DEFAULT_COUNT = 3
 """Of the paper's sequences: three selected frames for about two hundred."""
@@ -25,6 +26,7 @@ _LARGEST_RESIDUAL = 0.1  # of the distance from hips to neck
 _PLACEABLE = 3
 _START = 0.05  # share of the capture
 _LEAP = 0.15  # trunk lengths between neighbouring frames
+_MOST_LIGHTS = 20  # frames whose light is looked at
 _SIDE = 0.5  # trunk lengths of mean joint motion that turning a camera's direction by one radian is worth
 
 
@@ -40,13 +42,13 @@ def choose_frames(
 ) -> ChosenFrames:
     """Choose at most `count` frames with good keypoints whose poses and sides seen stand for the whole capture.
 
-    Good: the torso and 11 of 13 joints in two views, triangulated with less than a tenth of the trunk as residual, and
-    not leaping away from both neighbouring frames (detections gone astray). Of these, one in the first twentieth of
-    their span and then, one by one, the frame that brings all good frames nearest to a chosen one (facility location,
-    greedily, which is within 1 - 1/e of the best; Nemhauser et al. 1978). Near means: joints about the trunk in its own
-    axes, and the directions in which the cameras lie from it. Without good frames, the one that shows most points in
-    two views; without any, the first. The same capture gives the same frames. With one camera joints are compared as
-    they look in its image. Only frames `within` (first, end) are looked at and chosen.
+    Good: the torso and 11 of 13 joints in two views, triangulated with less than a tenth of the trunk as residual, not
+    leaping away from both neighbouring frames (detections gone astray), and not lit by a flash. Of these, one in the
+    first twentieth of their span and then, one by one, the frame that brings all good frames nearest to a chosen one
+    (facility location, greedily, which is within 1 - 1/e of the best; Nemhauser et al. 1978). Near means: joints about
+    the trunk in its own axes, and the directions in which the cameras lie from it. Without good frames, the one that
+    shows most points in two views; without any, the first. The same capture gives the same frames. With one camera
+    joints are compared as they look in its image. Only frames `within` (first, end) are looked at and chosen.
     """
     if count < 1:
         raise ValueError(f"count is {count}; at least one frame must be chosen")
@@ -71,15 +73,32 @@ def choose_frames(
         frames = tuple(poses)
         distance = _distances(list(poses.values()))
         steady = np.flatnonzero(~_leaps(distance, np.array(frames)))
-        chosen = facility_location(distance[np.ix_(steady, steady)], np.array(frames)[steady], count)
+        chosen = _in_usual_light(capture, distance[np.ix_(steady, steady)], np.array(frames)[steady], count)
         return ChosenFrames(
-            tuple(sorted(frames[steady[i]] for i in chosen)),
+            tuple(sorted(chosen)),
             f"chosen for their poses and sides among {len(frames)} frames with good keypoints in {views}",
         )
     best = max(shared, key=lambda frame: (seen[frame], -frame), default=None)
     if best is not None and seen[best] >= _PLACEABLE:
         return ChosenFrames((best,), f"it shows the most keypoints in {views}, {seen[best]} of {len(_POINTS)}")
     return ChosenFrames((within[0],), f"no frame has three keypoints in {views}, so the first was taken")
+
+
+def _in_usual_light(
+    capture: Capture, distance: Float[np.ndarray, "frame frame"], frames: np.ndarray, count: int
+) -> list[int]:
+    """Choose frames by `facility_location`, and others where a flash lights the chosen ones."""
+    usual: dict[int, bool] = {}
+    left = np.arange(len(frames))
+    while True:
+        rows = left[facility_location(distance[np.ix_(left, left)], frames[left], count)]
+        for row in rows:
+            if row not in usual:
+                usual[row] = len(usual) >= _MOST_LIGHTS or not lit_by_flash(capture, int(frames[row]))
+        lit = [row for row in rows if not usual[row]]
+        if not lit or len(lit) == len(left):
+            return [int(frames[row]) for row in rows]
+        left = np.setdiff1d(left, lit)
 
 
 def _frames_in_two_views(capture: Capture) -> list[int]:

@@ -35,7 +35,6 @@ from ._flow import (
 from ._light import (
     LightMeter as LightMeter,
     light_change as light_change,
-    lit_apart as lit_apart,
     relit as relit,
 )
 from ._mask_confidence import (

@@ -9,13 +9,6 @@ from jaxtyping import Float, UInt8
 
 from ._flow import flow_agrees, flow_both_ways
 
-BANDS = 16
-"""Bands of rows, because a rolling shutter lights part of a frame, and blocks in each."""
-
-JUMP = 0.2
-"""Change of the logarithm of brightness that counts as another light; moving cameras and people stay below 0.1."""
-
-_BLACK = 4.0
 _DARK, _BRIGHT = 16, 240
 
 
@@ -91,18 +84,3 @@ def relit(
 def _small(image: np.ndarray) -> UInt8[np.ndarray, "rows columns 3"]:
     rows = max(round(image.shape[0] * WIDTH / image.shape[1]), 16)
     return cv2.resize(image, (WIDTH, rows), interpolation=cv2.INTER_AREA)
-
-
-def lit_apart(
-    images: Sequence[UInt8[np.ndarray, "height width 3"]], before: Sequence[UInt8[np.ndarray, "height width 3"]]
-) -> bool:
-    """Tell whether, in any view, half of the blocks of some band have become much brighter or darker."""
-    return any(
-        np.abs(np.median(_brightness(now) - _brightness(then), axis=1)).max() > JUMP
-        for now, then in zip(images, before, strict=True)
-    )
-
-
-def _brightness(image: np.ndarray) -> np.ndarray:
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    return np.log(cv2.resize(grey, (BANDS, BANDS), interpolation=cv2.INTER_AREA) + _BLACK)

@@ -5,8 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from jaxmocap._runtime import cores
+from jaxmocap.capture import lit_apart
 from jaxmocap.character import Pose, Skeleton
-from jaxmocap.observation import FrameImages, LightMeter, lit_apart
+from jaxmocap.observation import FrameImages, LightMeter
 from jaxmocap.verdict import FrameResult, passed_over, poses_between
 
 from ._state import TrackingState, known

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_captures import PERSON, POSES, SIZE, TOML, make_video, write_keypoints, write_model
 
-from jaxmocap.capture import Capture, choose_frames
+from jaxmocap.capture import Capture, check, choose_frames, lit_by_flash
 
 COUNT = 30
 UP, CROUCHED, TURNED = "up", "crouched", "turned"
@@ -121,3 +121,24 @@ def test_only_frames_that_are_wanted_are_chosen(folder):
     chosen = choose_frames(capture, capture.cameras, within=(12, None)).frames
     assert min(chosen) >= 12
     assert {kinds[frame] for frame in chosen} == {CROUCHED, "standing"}
+
+
+def test_a_flash_is_never_chosen_and_one_that_is_selected_by_hand_is_named(folder):
+    """The person's colours are learnt from selected frames. Black pictures are in another light, too."""
+    kinds = ["standing"] * 10 + [CROUCHED] * 20
+    people = {frame: person(kind, 0.001 * frame) for frame, kind in enumerate(kinds)}
+    chosen = frames_of(filmed(folder, people))
+    for name in POSES:
+        make_video(folder / f"{name}.mp4", COUNT, SIZE, black=[*chosen, chosen[1] + 1])
+    others = frames_of(Capture.open(folder))
+    assert len(others) == len(chosen)
+    assert not {*chosen, chosen[1] + 1} & {*others}
+    capture = Capture.open(folder)
+    lit = [frame for frame in range(COUNT) if lit_by_flash(capture, frame)]
+    assert lit == sorted({*chosen, chosen[1] + 1})
+    config = folder / "capture.toml"
+    config.write_text(f"selected_frames = [{chosen[0]}, {others[1]}]\n" + config.read_text())
+    said = [finding.message for finding in check(folder) if finding.where == "selected_frames"]
+    assert [message for message in said if "flash" in message] == said
+    assert len(said) == 1
+    assert f"frame {chosen[0]} is" in said[0]

@@ -4,10 +4,11 @@ import jax
 import numpy as np
 import pytest
 
+from jaxmocap.capture import lit_apart
 from jaxmocap.character import difference
 from jaxmocap.energies import search_energy
 from jaxmocap.motion import MotionHistory, after
-from jaxmocap.observation import FrameImages, lit_apart
+from jaxmocap.observation import FrameImages
 from jaxmocap.track import FrameTracker, Tracker, _frame
 from jaxmocap.verdict import passed_over, poses_between
 
