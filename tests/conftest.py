@@ -98,9 +98,11 @@ def small(tmp_path: Path, videos: Path) -> Path:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Notebooks are long checks: what the first does, the gate holds. The gate takes longest, so it begins first."""
+    """Notebooks are long checks: what the first does, the gate holds. The gate takes longest, so it begins first; where
+    the example data brings a capture for it, the demo's is a long check, too."""
     for item in items:
-        if item.path.suffix == ".ipynb":
+        second_gate = item.path.name == "test_gate.py" and "demo" in item.name and DATA.is_dir()
+        if item.path.suffix == ".ipynb" or second_gate:
             item.add_marker("slow")
     items.sort(key=lambda item: item.path.name != "test_gate.py")
 

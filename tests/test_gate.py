@@ -1,8 +1,9 @@
-"""What users run, `quality="normal"`, on a rendered capture of the example data and on the demo's: the error, the same
-bytes from the same seed and after a run was cut off, and what is compiled, at first and while frames go by.
+"""What users run, `quality="normal"`, on a rendered capture of the example data or, without these, on the demo's: the
+error, the same bytes from the same seed and after a run was cut off, and what is compiled, at first and while frames go
+by. With `-m slow` it is done on both.
 
-The demo's capture is tracked a second time, cut off and resumed, which holds both: the same seed gives the same bytes,
-and so does a run that was cut off. The runs share their compiled programs, which take most of the time.
+The capture is tracked a second time, cut off and resumed, which holds both: the same seed gives the same bytes, and so
+does a run that was cut off. The runs share their compiled programs, which take most of the time.
 """
 
 import json
@@ -45,7 +46,7 @@ and, for the demo, as much again for other processors. With three seeds on two d
 @dataclass(frozen=True)
 class Tracked:
     """A run over a capture, `compiled` its programs, each after how many frames it was compiled (0: before them);
-    and of the demo's a second one, cut off and resumed, which tracked `resumed_frames`."""
+    and a second one, cut off and resumed, which tracked `resumed_frames`."""
 
     capture: str
     scores: dict
@@ -83,10 +84,9 @@ def tracked(request, tmp_path_factory) -> Tracked:
         run("whole", count)
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)
-    if request.param == "demo":
-        with pytest.raises(KeyboardInterrupt):
-            run("cut", cut)
-        run("cut", lambda stage, number, _: again.append(number) if stage == "track" else None, resume=True)
+    with pytest.raises(KeyboardInterrupt):
+        run("cut", cut)
+    run("cut", lambda stage, number, _: again.append(number) if stage == "track" else None, resume=True)
     scores = evaluate(work / "whole", folder / "truth.npz")
     return Tracked(request.param, scores, work / "whole", work / "cut", again, compiled)
 
@@ -98,7 +98,6 @@ def test_markers_are_where_they_were_measured(tracked):
     assert tracked.scores["marker_error_cm"]["max"] <= worst
 
 
-@pytest.mark.parametrize("tracked", ["demo"], indirect=True)
 def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(tracked):
     assert min(tracked.resumed_frames) > 1, "the second run began anew"
     assert (tracked.resumed / "motion.npz").read_bytes() == (tracked.whole / "motion.npz").read_bytes()
