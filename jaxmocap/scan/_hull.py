@@ -23,8 +23,9 @@ COARSE = 0.05
 BORDER = 3
 """Cells of the fine grid around that place."""
 
-SHOWN = 0.5
-"""Share of the views that have to show a point of the person."""
+SHOWN, FEWEST = 0.5, 3
+"""Share of the views that have to show a point of the person, and how many at least: two that face each other show all
+that lies behind the person as seen from either, and between the cameras and the person."""
 
 AROUND = 0.75
 """Half the side of the cube in which the person is looked for, as a share of the largest silhouette's diagonal."""
@@ -110,7 +111,7 @@ def depth_inside(
 ) -> Float[np.ndarray, " point"]:
     """Measure by how many metres points lie inside the visual hull, negative outside (host).
 
-    So many `outliers` among the views may say otherwise. What less than half of the views show is outside.
+    So many `outliers` among the views may say otherwise. Outside is what less than half of the views show, or two alone.
     """
     fields, found = jax.device_put(distances), []
     for first in range(0, len(points), CHUNK):
@@ -119,7 +120,7 @@ def depth_inside(
         moves = None if sway is None else jax.device_put(sway.moves(padded).astype(np.float32))
         depths = np.asarray(cone_depths(jax.device_put(padded), fields, view, moves))[:, : len(chosen)]
         least = np.partition(depths, outliers, axis=0)[outliers]
-        shown = np.isfinite(depths).sum(0) >= max(2, SHOWN * len(distances))
+        shown = np.isfinite(depths).sum(0) >= max(FEWEST, SHOWN * len(distances))
         found.append(np.where(shown & np.isfinite(least), least, -1.0))
     return np.concatenate(found)
 

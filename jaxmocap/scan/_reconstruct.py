@@ -13,8 +13,8 @@ from ._hull import Views, mask_distances, visual_hull
 from ._surface import draw_views, refine_surface
 from ._sway import Sway, estimate_sway, sway_at_rest
 
-FEWEST_VIEWS = 4
-"""Below that a hull is no body."""
+FEWEST_VIEWS = 5
+"""Below that a hull is no body: of four views, two and two face each other and say the same."""
 
 SUSPICIOUS, TIMES = 0.04, 3.0
 """A mask is left out if it lacks more than this share of what all others show, and so many times what masks usually
@@ -65,7 +65,7 @@ def reconstruct(
         raise InputError(
             f"{count} views of the person are given; {FEWEST_VIEWS} all around are needed, better 8 or more."
         )
-    used = confirmed(views) if count >= FEWEST_VIEWS + 2 else np.ones(count, bool)
+    used = confirmed(views) if count > FEWEST_VIEWS else np.ones(count, bool)
     if swaying:
         views = views._replace(sway=find_sway(views, used))
     vertices, faces = visual_hull(views.only(used), cell)

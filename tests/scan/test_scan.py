@@ -15,6 +15,7 @@ from jaxmocap.pipeline import scan
 from jaxmocap.pipeline._scan_pictures import in_place
 from jaxmocap.pipeline._scan_views import read_views
 from jaxmocap.scan import Views, overlaps, reconstruct, visual_hull
+from jaxmocap.scan._hull import depth_inside, mask_distances
 
 SIZE, FOCAL, AWAY, RADIUS = 160, 150.0, 1.0, 0.3
 BALLS = np.array([[0.0, 0.0, 0.0], [0.0, 0.42, 0.0]])
@@ -64,6 +65,14 @@ def test_the_hull_of_a_ball_is_closed_and_holds_the_ball():
     assert np.einsum("fi,fi->f", np.cross(b - a, c - a), a).sum() > 0, "inside out"
 
 
+def test_what_two_facing_views_alone_show_is_none_of_the_hull():
+    """Between the ball and either of them, where the views from the side do not look."""
+    views = seen(*ring(4))
+    points = np.array([[0.0, 0, 0], [0.7, 0, 0], [0, 0, -0.7]])
+    inside = depth_inside(points, mask_distances(views.masks), views.cameras) > 0
+    assert inside.tolist() == [True, False, False]
+
+
 @pytest.mark.slow
 def test_pictures_draw_the_surface_in_to_the_ball():
     views = seen(*ring(10))
@@ -93,8 +102,8 @@ def test_silhouettes_of_different_places_have_nothing_in_common():
     apart = np.stack([np.roll(mask, 40 * (-1) ** view, axis=0) for view, mask in enumerate(views.masks)])
     with pytest.raises(InputError, match="no place in common"):
         reconstruct(views._replace(masks=apart), cell=0.02)
-    with pytest.raises(InputError, match="3 views of the person are given; 4 all around are needed"):
-        reconstruct(views.only(np.arange(6) < 3))
+    with pytest.raises(InputError, match="4 views of the person are given; 5 all around are needed"):
+        reconstruct(views.only(np.arange(6) < 4))
 
 
 @pytest.mark.slow
