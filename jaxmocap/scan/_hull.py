@@ -111,7 +111,7 @@ def depth_inside(
 ) -> Float[np.ndarray, " point"]:
     """Measure by how many metres points lie inside the visual hull, negative outside (host).
 
-    So many `outliers` among the views may say otherwise. Outside is what less than half of the views show, or two alone.
+    So many `outliers` among the views may say otherwise. Outside is what two views alone show, or less than half.
     """
     fields, found = jax.device_put(distances), []
     for first in range(0, len(points), CHUNK):
