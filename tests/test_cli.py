@@ -93,6 +93,14 @@ def test_without_dask_a_sentence_names_the_extra_and_nothing_is_written(option, 
         assert not out.exists()
 
 
+def test_whoever_reads_the_output_may_end_first():
+    """As in `jaxmocap track --help | head -1`."""
+    with subprocess.Popen([*COMMAND, "track", "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        running.stdout.close()
+        assert running.stderr.read() == b""
+        assert running.wait() == 141
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["track", "--help"]])
 def test_help_answers_at_once_and_without_jax(arguments):
     begin = time.perf_counter()
