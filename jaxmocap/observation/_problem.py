@@ -131,21 +131,21 @@ def build_problem(
     edges = [image_edges(crop) for crop in crops] if edges is None else edges
     shape = (len(crops), rectangle.height, rectangle.width)
     ranges = [inverse_depth_range(vertices, pose, DEPTH_SLACK) for pose in np.asarray(view.cam_from_world)]
-    labels = [np.zeros(shape[1:], np.int32)] * len(crops) if labels is None else labels
-    background = [np.ones(shape[1:], np.float32)] * len(crops) if background is None else background
+    colours = np.zeros(shape, np.int32) if labels is None else np.stack(labels).astype(np.int32, copy=False)
+    behind = np.ones(shape, np.float32) if background is None else np.stack(background).astype(np.float32, copy=False)
     return FrameProblem(
         intrinsics=view.intrinsics,
         cam_from_world=view.cam_from_world,
         origins=jax.device_put(np.asarray(rectangle.origins, np.int32)),
         pictures=jax.device_put(np.array([image.shape[:2] for image in images], np.float32)),
-        image=jax.device_put(np.stack(crops).astype(np.float32) / 255),
-        labels=jax.device_put(np.stack(labels).astype(np.int32)),
-        background=jax.device_put(np.stack(background).astype(np.float32)),
+        image=jax.device_put(np.divide(np.stack(crops), np.float32(255), dtype=np.float32)),
+        labels=jax.device_put(colours),
+        background=jax.device_put(behind),
         depth_range=jax.device_put(np.stack(ranges)),
         area=jax.device_put(np.float32(rectangle.area)),
         edges=Edges(
             jax.device_put(np.stack([e[0] for e in edges])),
-            jax.device_put(np.stack([e[1] for e in edges]).astype(np.float32)),
+            jax.device_put(np.stack([e[1] for e in edges]).astype(np.float32, copy=False)),
         ),
         surface=surface,
         keypoints=jax.device_put(np.zeros((len(crops), 25, 3), np.float32)),

@@ -26,6 +26,7 @@ from jaxmocap.observation import (
     build_problem,
     draw,
     frame_rectangle,
+    image_edges,
     mask_edges,
     stacked_keypoints,
     surface_of,
@@ -109,17 +110,14 @@ def register_frame(
         np.asarray(skin(character, pose)), cameras, frame, speed=np.full(cameras.num_cameras, 30.0)
     )
     cropped = [None if m is None else rectangle.crop(m, c) for c, m in enumerate(masks)]
-    edges = [mask_edges(m) if m is not None else None for m in cropped]
-    problem = build_problem(images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface)
-    masked = any(e is not None for e in edges)
+    masked = any(m is not None for m in cropped)
+    edges = None
     if masked:
-        known = [
-            e if e is not None else (np.asarray(problem.edges.mask[c]), np.asarray(problem.edges.gradient[c]))
-            for c, e in enumerate(edges)
+        edges = [
+            image_edges(rectangle.crop(image, camera)) if mask is None else mask_edges(mask)
+            for camera, (image, mask) in enumerate(zip(images, cropped, strict=True))
         ]
-        problem = build_problem(
-            images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface, edges=known
-        )
+    problem = build_problem(images, rectangle, cameras, frame, np.asarray(skin(character, pose)), surface, edges=edges)
     pose = fit_to_masks(character, pose, problem, landmarks, settings, fixed, masked)
     searched = False
     agreement = _agreement(character, pose, problem, cropped)
