@@ -173,10 +173,10 @@ def check(path: str | Path, frames: tuple[int, int | None] | None = None) -> lis
         cameras = _cameras(capture, findings)
         findings += check_keypoints(capture)
         findings += check_masks(capture)
-        findings += _attempt(findings, "selected_frames", lambda: list(check_selected_light(capture))) or []
         if cameras is not None:
             findings += check_paths(capture, cameras)
             findings += _about_person(capture, cameras)
+            findings += _attempt(findings, "selected_frames", lambda: list(check_selected_light(capture))) or []
             if config.selected_frames is None and capture.keypoints_folder is not None:
                 note = _attempt(findings, "keypoints", lambda: _chosen_frames(capture, cameras))
                 findings += [] if note is None else [note]
