@@ -9,6 +9,7 @@ from jaxtyping import Bool
 
 from jaxmocap._files import is_clutter
 from jaxmocap._results import InputError
+from jaxmocap.scan import refuse_few_views
 
 from ._scan_folder import read_mask, read_picture
 
@@ -16,7 +17,7 @@ PICTURES = (".jpg", ".jpeg", ".png")
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """List the pictures of a folder. Raises `InputError` without any, and for two of one name."""
+    """List the pictures of a folder. Raises `InputError` for too few to scan somebody, and for two of one name."""
     if not folder.is_dir():
         raise InputError(
             f"{folder} does not exist; give a video, or the folder of the pictures ({', '.join(PICTURES)})."
@@ -28,6 +29,7 @@ def pictures_in(folder: Path) -> list[Path]:
     for stem in stems:
         if stems.count(stem) > 1:
             raise InputError(f"{folder} holds {stem} as more than one kind of file; keep one.")
+    refuse_few_views(len(files), str(folder))
     return files
 
 

@@ -24,8 +24,8 @@ BORDER = 3
 """Cells of the fine grid around that place."""
 
 SHOWN, FEWEST = 0.5, 3
-"""Share of the views that have to show a point of the person, and how many at least: two that face each other show all
-that lies behind the person as seen from either, and between the cameras and the person."""
+"""Share of the views that have to show a point of the person, and how many at least: two views that face each other
+would leave all that lies between their cameras and the person."""
 
 AROUND = 0.75
 """Half the side of the cube in which the person is looked for, as a share of the largest silhouette's diagonal."""

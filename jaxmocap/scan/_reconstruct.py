@@ -61,10 +61,7 @@ def reconstruct(
     with nothing in common.
     """
     count = len(views.masks)
-    if count < FEWEST_VIEWS:
-        raise InputError(
-            f"{count} views of the person are given; {FEWEST_VIEWS} all around are needed, better 8 or more."
-        )
+    refuse_few_views(count)
     used = confirmed(views) if count > FEWEST_VIEWS else np.ones(count, bool)
     if swaying:
         views = views._replace(sway=find_sway(views, used))
@@ -74,6 +71,14 @@ def reconstruct(
         vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     vertices = refine_surface(vertices, faces, views.only(used), rounds)
     return Scan(vertices, faces, overlaps(vertices, faces, views), used, views.sway)
+
+
+def refuse_few_views(count: int, where: str = "") -> None:
+    """Raise `InputError` for fewer views than `FEWEST_VIEWS`; `where` they are is said first."""
+    if count < FEWEST_VIEWS:
+        place = f"{where}: " if where else ""
+        given = "1 view of the person is" if count == 1 else f"{count} views of the person are"
+        raise InputError(f"{place}{given} given; {FEWEST_VIEWS} all around are needed, better 8 or more.")
 
 
 def find_sway(views: Views, used: Bool[np.ndarray, " view"]) -> Sway | None:

@@ -165,6 +165,13 @@ def test_what_is_wrong_with_the_files_is_said(folder):
         scan(folder / "nowhere", cameras=folder / "cameras.toml", masks=folder / "masks")
 
 
+def test_too_few_pictures_are_refused_before_cameras_and_masks_are_looked_for(folder):
+    for number in (4, 5):
+        (folder / "pictures" / f"view{number}.png").unlink()
+    with pytest.raises(InputError, match=r"pictures: 4 views of the person are given; 5 all around"):
+        scanned(folder, cameras=folder / "none.toml")
+
+
 @pytest.mark.parametrize("cameras", [None, "given"])
 def test_a_picture_that_its_metadata_turns_is_one_for_everybody(cameras, tmp_path):
     """A phone stores an upright picture lying, and a note on how to turn it, which some programs read."""
